@@ -1,0 +1,36 @@
+"""What became of a measurement: an enumeration whose members are sentences."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Outcome(IntEnum):
+    """The fate of one row; kernels hold the number, a person reads the sentence.
+
+    Trouble at sea is never an exception: it is an outcome, recorded at its row and counted in the summary.
+    """
+
+    USED = 0, "was used"
+    GATED = 1, "its residual lies outside the gate"
+    INVALID = 2, "is not a number, is incomplete, or the sensor itself calls it invalid"
+    OUT_OF_RANGE = 3, "lies outside what the instrument can measure"
+    DUPLICATE = 4, "equals another row in all columns"
+    HELD = 5, "repeats a value that the sensor holds between measurements"
+    LATE = 6, "arrived after the window of the navigator had closed"
+    CLOCK_JUMP = 7, "its time steps backward against the order of arrival"
+    NOT_CONFIGURED = 8, "the vehicle file does not name this sensor"
+    OUTSIDE_RUN = 9, "lies before the start or after the end of the run"
+    NO_CLONE = 10, "the pose at its earlier epoch is not available"
+    NO_INPUT = 11, "no inertial data covers its time"
+    EXCLUDED = 12, "was left out on request"
+    COMPARED = 13, "was compared only, as the sensor is not an independent measurement"
+
+    sentence: str
+
+    def __new__(cls, value: int, sentence: str) -> Outcome:
+        """Make a member that is an integer and carries a sentence."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.sentence = sentence
+        return member

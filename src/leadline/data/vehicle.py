@@ -1,0 +1,275 @@
+"""The vehicle file: which instruments are aboard, where and how well they measure.  TOML in human units, converted once, here.
+
+Each key ends in its unit (`sigma_mps`, `lever_arm_m`, `gyro_noise_deg_per_rth`); inside, the suffix is gone and the value is SI.
+A sensor is keyed by its instance name, which is the name of its table in the log.  `preset` fills in the data-sheet figures of an
+instrument (data/presets.toml); what the file says itself comes before them, key by key, and nuisance by nuisance.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from leadline.core import attitude
+from leadline.data.errors import InputError, suggestion
+from leadline.data.records import KINDS, UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from leadline.data.records import Array
+
+MICRO_G = 9.80665e-6
+DEGREE = UNITS["deg"]
+HUMAN_UNITS: Mapping[str, float] = {
+    **UNITS,
+    "degps": DEGREE, "deg_per_h": DEGREE / 3600, "deg_per_rth": DEGREE / 60, "deg_per_rts": DEGREE, "degps_per_rthz": DEGREE,
+    "ug": MICRO_G, "ug_per_rthz": MICRO_G, "mps2_per_rthz": 1.0, "mps_per_rth": 1 / 60, "mps_per_rts": 1.0, "m_per_rts": 1.0,
+    "percent": 0.01, "percent_per_rts": 0.01, "hz": 1.0, "h": 3600.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of one nuisance before the dive: value, sigma of it, and how it wanders (SI); scalar or one per axis."""
+
+    value: Array
+    sigma: Array
+    tau: float = np.inf
+    steady: float | None = None  # sigma that a Gauss-Markov process settles at; None: the largest prior sigma
+    walk: float = 0.0
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """One instrument as mounted: SI and radians.
+
+    lever_arm_b (3,) from the body origin; rotation_bs (3, 3) sensor to body; values: the instrument's figures by name without
+    unit suffix; nuisance: priors by name; written: what file and preset say, in the units of the file, for a person to read.
+    """
+
+    name: str
+    kind: str
+    lever_arm_b: Array = field(default_factory=lambda: np.zeros(3))
+    rotation_bs: Array = field(default_factory=lambda: np.eye(3))
+    gate_probability: float = 0.999
+    latency: float = 0.0
+    clock: str | None = None
+    repeats: str = "new"
+    model: str | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    nuisance: Mapping[str, Prior] = field(default_factory=dict)
+    preset: str | None = None
+    written: Mapping[str, Any] = field(default_factory=dict)
+
+    def value(self, name: str, default: Any = None) -> Any:
+        """Return a figure of the instrument; raises InputError where it is neither given nor has a default."""
+        found = self.values.get(name, default)
+        if found is None:
+            raise InputError(f"sensors.{self.name}", f"has no {name}", "give it, or a preset that does")
+        return found
+
+
+@dataclass(frozen=True)
+class ProcessConfig:
+    """Which process model moves the vehicle, what drives it, and how many poses at earlier epochs it can hold."""
+
+    model: str = "inertial"
+    imu: str = "imu"
+    clones: int | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle: process model and instruments by instance name."""
+
+    name: str
+    sensors: Mapping[str, SensorConfig]
+    process: ProcessConfig = ProcessConfig()
+    path: Path | None = None
+
+    def __getitem__(self, name: str) -> SensorConfig:
+        """Return an instrument; raises InputError when the vehicle lacks it."""
+        if name not in self.sensors:
+            raise InputError(self.path or self.name, f"has no sensor '{name}'", suggestion(name, self.sensors))
+        return self.sensors[name]
+
+    def only(self, *names: str) -> Vehicle:
+        """Return the vehicle with the named instruments alone."""
+        for name in names:
+            self[name]
+        return replace(self, sensors={k: v for k, v in self.sensors.items() if k in names})
+
+    def without(self, *names: str) -> Vehicle:
+        """Return the vehicle without the named instruments."""
+        for name in names:
+            self[name]
+        return replace(self, sensors={k: v for k, v in self.sensors.items() if k not in names})
+
+
+def read_vehicle(path: str | Path) -> Vehicle:
+    """Read a vehicle file.
+
+    Raises InputError, naming file, key and value, for a missing file, wrong TOML, an unknown key or preset, a value of the wrong
+    type or outside its range, and a mounting that is no rotation.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "give a vehicle file; `leadline vehicle new` writes one") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"is not text in UTF-8 (byte {error.start})", "give a vehicle file in TOML") from error
+    return vehicle_from_toml(text, path)
+
+
+def vehicle_from_toml(text: str, path: Path | None = None) -> Vehicle:
+    """Make a vehicle of the text of a vehicle file; raises as `read_vehicle`."""
+    from leadline.data import vehicle_keys
+
+    where = str(path or "vehicle")
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax(text, where, str(error)) from error
+    top = vehicle_keys.check_top(raw, where)
+    sensors = {name: _sensor(name, keys, f"{where}: sensors.{name}") for name, keys in top.sensors.items()}
+    imus = [name for name, sensor in sensors.items() if sensor.kind == "imu"]
+    if top.process.model == "inertial" and top.process.imu not in imus:
+        right = suggestion(top.process.imu, imus) or "add one: the process model 'inertial' is driven by it"
+        raise InputError(f"{where}: process.imu", f"'{top.process.imu}' is no sensor of kind imu", right)
+    process = ProcessConfig(top.process.model, top.process.imu, top.process.clones)
+    return Vehicle(top.name, sensors, process, path)
+
+
+def _syntax(text: str, where: str, message: str) -> InputError:
+    """Say which line is no TOML, and show it."""
+    place = re.search(r" \(at line (\d+), column (\d+)\)", message)
+    if place is None:
+        return InputError(where, f"is not TOML: {message[:1].lower()}{message[1:]}")
+    lines = text.splitlines()
+    line = lines[int(place[1]) - 1].strip() if int(place[1]) <= len(lines) else ""
+    problem = message.replace(place[0], "")
+    return InputError(f"{where}: line {place[1]}, column {place[2]}", f"{line[:60]!r} is not TOML", f"{problem[:1].lower()}{problem[1:]}")
+
+
+def _sensor(name: str, given: Any, where: str) -> SensorConfig:
+    from leadline.data import vehicle_keys
+
+    keys = vehicle_keys.check_head(given, where)
+    kind = keys.get("kind", name if name in KINDS else None) or _kind_of_preset(keys.get("preset"), where)
+    vehicle_keys.check_kind(kind, keys.get("model"), where)
+    filled = _merged(_preset(keys.get("preset"), kind, where), keys)
+    checked = vehicle_keys.check_sensor(filled, kind, where)
+    common = {k: checked[k] for k in ("gate_probability", "clock", "repeats", "model", "preset") if checked.get(k) is not None}
+    return SensorConfig(
+        name=name,
+        kind=kind,
+        lever_arm_b=np.array(checked["lever_arm_m"], float),
+        rotation_bs=_rotation(checked, where),
+        latency=checked["latency_s"],
+        values=dict(si(key, value) for key, value in checked.items() if key not in vehicle_keys.COMMON and value is not None),
+        nuisance={key: _prior(kind, key, value, where) for key, value in checked["nuisance"].items()},
+        written=filled,
+        **common,
+    )
+
+
+def _merged(preset: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Put the file's keys before the preset's; of the nuisances each by itself, so that naming one keeps the others."""
+    merged = {**preset, **keys}
+    if "nuisance" in merged:
+        merged["nuisance"] = {**preset.get("nuisance", {}), **keys.get("nuisance", {})}
+    return merged
+
+
+def si(key: str, value: Any) -> tuple[str, Any]:
+    """Return a key without its unit suffix and its value in SI; keys without unit, and what is no number, stay as they are."""
+    if not _numeric(value):
+        return key, value
+    for size in (4, 3, 2, 1):
+        parts = key.split("_")
+        suffix = "_".join(parts[-size:])
+        if len(parts) > size and suffix in HUMAN_UNITS:
+            return "_".join(parts[:-size]), _times(value, HUMAN_UNITS[suffix])
+    return key, value
+
+
+def _numeric(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(_numeric(item) for item in value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _times(value: Any, factor: float) -> Any:
+    return [_times(item, factor) for item in value] if isinstance(value, list) else value * factor
+
+
+def mounting_deg(rotation_bs: Array) -> Array:
+    """Return roll, pitch and heading of a sensor in the body (deg), as `mounting_deg` writes them."""
+    angles = attitude.euler_from_quaternion(attitude.quaternion_from_matrix(rotation_bs))
+    return np.array(angles, float) / DEGREE
+
+
+def _rotation(keys: Mapping[str, Any], where: str) -> Array:
+    """Return sensor -> body from `mounting_deg` (roll, pitch, heading) or `mounting_matrix`.
+
+    A matrix written with three decimals or more is taken as the rotation nearest to it.
+    """
+    if keys.get("mounting_matrix") is None:
+        return attitude.matrix_from_euler(*np.radians(keys["mounting_deg"]))
+    matrix = np.array(keys["mounting_matrix"], float)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 2e-3 or np.linalg.det(matrix) < 0:
+        raise InputError(f"{where}.mounting_matrix", f"{keys['mounting_matrix']} is no rotation", "three orthogonal unit rows, right-handed")
+    left, _, right = np.linalg.svd(matrix)
+    nearest: Array = left @ right
+    return nearest
+
+
+def _prior(kind: str, name: str, keys: Mapping[str, Any], where: str) -> Prior:
+    from leadline.data import vehicle_keys
+
+    spec = vehicle_keys.nuisance_of(kind, name, where)
+    checked = vehicle_keys.check_prior(keys, spec, f"{where}.nuisance.{name}")
+    found = dict(si(key, value) for key, value in checked.items())
+    shape = np.ones(spec.axes)
+    return Prior(
+        value=shape * found.get("value", 0.0),
+        sigma=shape * found.get("sigma", 0.0),
+        tau=found.get("tau", np.inf),
+        steady=found.get("steady"),
+        walk=found.get("walk", 0.0),
+    )
+
+
+@cache
+def presets() -> Mapping[str, Mapping[str, Any]]:
+    """Return the presets of instruments: name -> kind -> keys of a vehicle file, with `title` and `source`."""
+    return tomllib.loads((Path(__file__).parent / "presets.toml").read_text(encoding="utf-8"))
+
+
+def _preset(name: str | None, kind: str, where: str) -> Mapping[str, Any]:
+    if name is None:
+        return {}
+    if name not in presets():
+        raise InputError(f"{where}.preset", f"'{name}' is not known", suggestion(name, presets()))
+    kinds = {k: v for k, v in presets()[name].items() if isinstance(v, dict)}
+    if kind not in kinds:
+        raise InputError(f"{where}.preset", f"'{name}' has no figures for kind '{kind}'", f"it has: {', '.join(sorted(kinds))}")
+    return dict(kinds[kind])
+
+
+def _kind_of_preset(name: str | None, where: str) -> str:
+    if name is not None and name not in presets():
+        raise InputError(f"{where}.preset", f"'{name}' is not known", suggestion(name, presets()))
+    kinds = [k for k, v in presets().get(name or "", {}).items() if isinstance(v, dict)]
+    if len(kinds) != 1:
+        raise InputError(where, "has no 'kind'", f"add kind = one of {', '.join(kinds or KINDS)}")
+    return kinds[0]

@@ -1,0 +1,108 @@
+"""From the numbers of the loop to a Solution: body origin, north-east-down, every nuisance by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from leadline.core import attitude, geodesy
+from leadline.data.solution import Estimate, Innovations, Solution, Status
+from leadline.estimate import plan as at
+from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, VELOCITY_V, VIEW_SIZE
+
+if TYPE_CHECKING:
+    from leadline.data.log import Log, Origin
+    from leadline.data.records import Array
+    from leadline.estimate.composition import Composition
+    from leadline.models.sensor import Context
+
+UPPER = np.triu_indices(9)
+EMPTY = Innovations(
+    *(np.zeros(0, kind) for kind in ("U1", int, int, float, float, "U1", float, float, float, int, float, bool, int))  # type: ignore[arg-type]
+)
+
+
+def solution_of(log: Log, origin: Origin, composition: Composition, context: Context, time: Array, output: Array) -> Solution:
+    """Make a Solution, without innovations yet, of outputs (n, size) at `time` (n,)."""
+    output = output[: len(time)]
+    view = output[:, at.OUT_VIEW : at.OUT_VIEW + VIEW_SIZE]
+    lever_b = -context.reference_b  # from the reference point to the body origin
+    point = shifted(view, unpacked(output[:, at.OUT_COV : at.OUT_X]), lever_b)
+    north, east = geodesy.north_east(point[0], point[1], origin.latitude, origin.longitude)
+    return Solution(
+        epoch=log.epoch,
+        origin=origin,
+        time=time,
+        latitude=point[0],
+        longitude=point[1],
+        height=point[2],
+        depth=context.surface - point[2],
+        north=north,
+        east=east,
+        velocity_n=point[3],
+        quaternion_nb=point[4],
+        covariance=point[5],
+        status=np.full(len(time), int(Status.AIDED)),
+        innovations=EMPTY,
+        nuisances=estimates(composition, output),
+    )
+
+
+def unpacked(packed: Array) -> Array:
+    """Return symmetric matrices (n, 9, 9) of their packed upper triangles (n, 45)."""
+    full = np.zeros((len(packed), 9, 9))
+    full[:, UPPER[0], UPPER[1]] = packed
+    full[:, UPPER[1], UPPER[0]] = packed
+    return full
+
+
+def shifted(view: Array, covariance: Array, lever_b: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return latitude, longitude, height, velocity, quaternion, covariance of the point at `lever_b`, turned to north-east-down.
+
+    p' = p + R l,  v' = v + R (w x l);  errors: dp' = dp - [R l]x dtheta,  dv' = dv - [R (w x l)]x dtheta.
+    """
+    rotation_en = attitude.matrix_from_quaternion(view[:, PLACE_V:HEIGHT_V])
+    rotation_nb = attitude.matrix_from_quaternion(view[:, QUATERNION_V:RATE_V])
+    lever = rotation_nb @ lever_b
+    turning = np.einsum("nij,nj->ni", rotation_nb, np.cross(view[:, RATE_V : RATE_V + 3], lever_b))
+    place = geodesy.ecef_from_geodetic(*_geographic(rotation_en), view[:, HEIGHT_V])
+    latitude, longitude, height = geodesy.geodetic_from_ecef(place + np.einsum("nij,nj->ni", rotation_en, lever))
+    angle = np.arctan2(-rotation_en[:, 2, 1], rotation_en[:, 2, 0])
+    turn = attitude.matrix_from_euler(np.zeros_like(angle), np.zeros_like(angle), angle)
+    velocity = np.einsum("nij,nj->ni", turn, view[:, VELOCITY_V:QUATERNION_V] + turning)
+    north = attitude.quaternion_from_euler(np.zeros_like(angle), np.zeros_like(angle), angle)
+    jacobian = np.zeros_like(covariance)
+    for block in (slice(0, 3), slice(3, 6), slice(6, 9)):
+        jacobian[:, block, block] = turn
+    jacobian[:, 0:3, 6:9] = -turn @ _skew(lever)
+    jacobian[:, 3:6, 6:9] = -turn @ _skew(turning)
+    quaternion = attitude.product(north, view[:, QUATERNION_V:RATE_V])
+    return latitude, longitude, height, velocity, quaternion, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+
+
+def _geographic(rotation_en: Array) -> tuple[Array, Array]:
+    up = -rotation_en[:, :, 2]
+    return np.arctan2(up[:, 2], np.hypot(up[:, 0], up[:, 1])), np.arctan2(up[:, 1], up[:, 0])
+
+
+def _skew(a: Array) -> Array:
+    full = np.zeros((len(a), 3, 3))
+    full[:, 0, 1], full[:, 0, 2], full[:, 1, 2] = -a[:, 2], a[:, 1], -a[:, 0]
+    return full - np.swapaxes(full, 1, 2)
+
+
+def estimates(composition: Composition, output: Array) -> dict[str, Estimate]:
+    """Return every estimated state beyond position, velocity and attitude, by name."""
+    layout, found = composition.layout, {}
+    x, variances = at.OUT_X, at.OUT_X + layout.motion_nominal + len(layout.nuisances)
+    for part in layout.motion[3:]:
+        nominal, error = layout.nominal_of(part.name), layout.error_of(part.name)
+        for i, axis in enumerate(("_x", "_y", "_z")[: part.size]):
+            sigma = np.sqrt(np.maximum(output[:, variances + error.start + i], 0.0))
+            name = f"{composition.process.consumes}.{part.name}{axis}"
+            found[name] = Estimate(output[:, x + nominal.start + i], sigma, part.unit, part.frame)
+    for i, nuisance in enumerate(layout.nuisances):
+        sigma = np.sqrt(np.maximum(output[:, variances + layout.motion_error + i], 0.0))
+        found[nuisance.name] = Estimate(output[:, x + layout.motion_nominal + i], sigma, nuisance.unit, nuisance.frame)
+    return found

@@ -1,0 +1,285 @@
+"""solve: a log and a vehicle become a Solution.  The engine is the Navigator; here its stream is built and its results are named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from leadline.core import attitude, geodesy
+from leadline.data.errors import InputError, suggestion
+from leadline.data.outcome import Outcome
+from leadline.data.records import Imu, Truth
+from leadline.data.solution import Innovations, Solution
+from leadline.estimate import kalman
+from leadline.estimate import plan as at
+from leadline.estimate.composition import Composition
+from leadline.estimate.events import Batch, Events, Screen, measurements, ordered
+from leadline.estimate.navigator import Navigator, Results
+from leadline.estimate.output import solution_of
+from leadline.estimate.start import Start, origin_of, start_of
+from leadline.models.imu import InputStream
+from leadline.models.inertial import inertial
+from leadline.models.sensor import Context, compose
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from leadline.data.log import Log
+    from leadline.data.records import Array
+    from leadline.data.vehicle import Vehicle
+    from leadline.estimate.events import Integers
+
+ESTIMATORS: Mapping[str, Any] = {"ekf": kalman}
+DEFAULT_RATE = 10.0
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The events of a log, and for each table the outcome of the rows that gave none (USED: it gave some)."""
+
+    events: Events
+    outcome: Mapping[str, Integers]
+    times: Array  # of the outputs
+
+
+def solve(
+    log: Log,
+    vehicle: Vehicle,
+    *,
+    estimator: str = "ekf",
+    rate: float = DEFAULT_RATE,
+    times: Array | None = None,
+    end: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Solution:
+    """Navigate a whole log, every measurement at its time of validity.
+
+    rate (Hz) or `times` (s, from the log's epoch) say when states are wanted: asking for more changes no estimate.
+    `progress` is called with the fraction done.  Raises InputError for what cannot be run: a missing position or heading at the
+    start, a process model without its input, a sensor that the process model cannot serve.
+    """
+    navigator, start, context = navigator_for(log, vehicle, estimator=estimator)
+    stream = stream_of(log, vehicle, navigator, rate=rate, times=times, end=end)
+    results = navigator.run(stream.events, len(stream.times), progress)
+    solution = solution_of(log, origin_of(log, start), navigator.composition, context, stream.times, results.output)
+    innovations = innovations_of(log, navigator.composition, stream, results)
+    return replace(solution, innovations=innovations, summary=_summary(log, vehicle, estimator, solution, innovations))
+
+
+def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window: float = 30.0) -> tuple[Navigator, Start, Context]:
+    """Return a navigator at the start of a log, that start, and the context of the sensors."""
+    if estimator not in ESTIMATORS:
+        raise InputError("estimator", f"'{estimator}' is not known", suggestion(estimator, ESTIMATORS))
+    if vehicle.process.model != "inertial":
+        raise InputError("process.model", f"'{vehicle.process.model}' is not known", "known: inertial")
+    context = Context.of(log, vehicle)
+    imu = vehicle[vehicle.process.imu]
+    sensors = tuple(s for config in vehicle.sensors.values() if (s := compose(config, context)) is not None)
+    clones = vehicle.process.clones
+    if clones is None:
+        clones = 2 if any(c.epochs == 2 for s in sensors for c in s.channels) else 0
+    composition = Composition(inertial(imu, context.surface), sensors, ESTIMATORS[estimator], clones)
+    start = start_of(log, vehicle, context)
+    state = composition.layout.start(start.time, *_initial(start, vehicle, log))
+    return Navigator(composition, state, InputStream.of(imu), window), start, context
+
+
+def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
+    """Nominal motion and its covariance at the IMU, from the start of the body origin."""
+    imu = vehicle[vehicle.process.imu]
+    rotation = attitude.matrix_from_quaternion(start.quaternion_nb)
+    lever = rotation @ imu.lever_arm_b
+    turning = rotation @ np.cross(_first_rate(log, vehicle, start.time), imu.lever_arm_b)
+    place = geodesy.ecef_from_geodetic(start.latitude, start.longitude, start.height)
+    point = place + geodesy.rotation_en(start.latitude, start.longitude) @ lever
+    latitude, longitude, height = geodesy.geodetic_from_ecef(point)
+    q_en = attitude.quaternion_from_matrix(geodesy.rotation_en(latitude, longitude))
+    x = np.concatenate([q_en, [float(height)], start.velocity_n + turning, start.quaternion_nb, np.zeros(6)])
+    bias = [imu.value("gyro_bias")] * 3 + [imu.value("accel_bias")] * 3
+    tilt = [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]
+    sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_depth, *[start.sigma_velocity] * 3, *tilt, *bias])
+    shift = np.eye(15)
+    shift[0:3, 6:9], shift[3:6, 6:9] = -_skew(lever), -_skew(turning)
+    return x, shift @ np.diag(sigma**2) @ shift.T
+
+
+def _skew(a: Array) -> Array:
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _first_rate(log: Log, vehicle: Vehicle, time: float) -> Array:
+    """Angular rate of the body at the start (3,), as the IMU has it; zero where it says nothing."""
+    imu, config = _imu_table(log, vehicle), vehicle[vehicle.process.imu]
+    if imu.gyro is None:
+        return np.zeros(3)
+    near = np.isfinite(imu.gyro).all(axis=1) & (np.abs(imu.time - time) < 0.5)
+    return np.asarray(config.rotation_bs @ imu.gyro[near].mean(axis=0)) if near.any() else np.zeros(3)
+
+
+def _imu_table(log: Log, vehicle: Vehicle) -> Imu:
+    table = log[vehicle.process.imu]
+    if not isinstance(table, Imu):
+        raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
+    return table
+
+
+def stream_of(
+    log: Log, vehicle: Vehicle, navigator: Navigator, *, rate: float = DEFAULT_RATE, times: Array | None = None, end: float | None = None
+) -> Stream:
+    """Build the stream of a log for a navigator at its start."""
+    if navigator.inputs is None:
+        raise InputError("solve", "needs a navigator with an input stream")
+    start = navigator.start
+    table = _imu_table(log, vehicle)
+    order = np.argsort(table.time, kind="stable")
+    when, data, imu_outcome = InputStream.of(vehicle[vehicle.process.imu]).push(table.select(order))  # type: ignore[arg-type]
+    outcome: dict[str, Integers] = {vehicle.process.imu: np.empty_like(imu_outcome)}
+    outcome[vehicle.process.imu][order] = imu_outcome
+    if not len(when):
+        raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", "gives no interval to navigate over", "at least two valid rows")
+    last = float(table.time[order][imu_outcome == Outcome.USED][-1]) if end is None else end
+    if last <= start:
+        raise InputError(f"{log.path or log.name}: [initial] time_s", f"{start} lies after the last inertial row at {last}", "start earlier")
+    inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start, side="right") - 1)
+    batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
+    batches += _measured(log, navigator, start, last, outcome)
+    moments = _output_times(start, last, rate) if times is None else np.asarray(times, float)
+    if len(moments) and (moments.min() < start or moments.max() > last):
+        raise InputError("times", f"{moments.min()} to {moments.max()} s", f"the run is from {start} to {last} s")
+    batches.append(Batch(at.IS_OUTPUT, np.sort(moments), np.zeros((len(moments), 0))))
+    return Stream(ordered(batches), outcome, np.sort(moments))
+
+
+def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome: dict[str, Integers]) -> list[Batch]:
+    """Batches of all sensors; `outcome` gains an entry per table."""
+    batches = []
+    for sensor in navigator.composition.sensors:
+        name = sensor.config.name
+        if name not in log.tables:
+            log[name]  # a sensor asked for that the log lacks: say so
+        found, verdicts = measurements(sensor, navigator.composition.first_slot[name], log[name], _screen(navigator, name), start)
+        verdicts[(verdicts == Outcome.USED) & (log[name].time - sensor.config.latency > last)] = Outcome.OUTSIDE_RUN
+        batches += [_until(batch, last) for batch in found]
+        outcome[name] = verdicts
+    return batches
+
+
+def _screen(navigator: Navigator, name: str) -> Screen:
+    config = next(s.config for s in navigator.composition.sensors if s.config.name == name)
+    return Screen(config.repeats, config.latency)
+
+
+def _until(batch: Batch, last: float) -> Batch:
+    keep = batch.time <= last
+    return replace(batch, time=batch.time[keep], data=batch.data[keep], row=batch.row[keep] if len(batch.row) else batch.row)
+
+
+def _output_times(start: float, last: float, rate: float) -> Array:
+    """Multiples of the output interval inside the run, and both ends."""
+    if not rate > 0.0:
+        raise InputError("rate", f"{rate} Hz", "a positive number")
+    first, final = int(np.ceil(start * rate - 1e-9)), int(np.floor(last * rate + 1e-9))
+    return np.unique(np.clip(np.concatenate([[start], np.arange(first, final + 1) / rate, [last]]), start, last))
+
+
+def innovations_of(log: Log, composition: Composition, stream: Stream, results: Results) -> Innovations:
+    """Name the results: one entry per component of each measurement looked at, one per row that was not."""
+    events, slots = stream.events, composition.slots
+    measured = np.flatnonzero(events.measured)
+    slot = events.kind[measured]
+    dof = np.array([len(s.channel.components) for s in slots], np.int64)[slot] if len(measured) else np.zeros(0, np.int64)
+    group = np.repeat(np.arange(len(measured)), dof)
+    component = np.concatenate([np.arange(d) for d in dof]) if len(dof) else np.zeros(0, np.int64)
+    of, result = measured[group], results.result[group]
+    names = np.array([[*s.channel.components, *[""] * 8][:8] for s in slots] or [[""] * 8])
+    looked = np.isfinite(result[:, at.NIS])
+    looked_at = Innovations(
+        sensor=np.array([s.sensor for s in slots] or [""])[events.kind[of]],
+        row=events.row[of],
+        group=group,
+        time=events.time[of],
+        applied=np.where(looked, events.time[of], np.nan),
+        component=names[events.kind[of], component],
+        residual=np.take_along_axis(result, at.RESIDUAL + component[:, None], 1)[:, 0],
+        sigma=np.take_along_axis(result, at.SIGMA + component[:, None], 1)[:, 0],
+        nis=result[:, at.NIS],
+        dof=dof[group],
+        gate_probability=np.array([s.gate_probability for s in slots] or [0.0])[events.kind[of]],
+        widened=np.zeros(len(group), bool),
+        outcome=results.outcome[group],
+    )
+    return _joined(looked_at, [_unused(name, log, verdicts) for name, verdicts in _all_outcomes(log, stream).items()])
+
+
+def _all_outcomes(log: Log, stream: Stream) -> dict[str, Integers]:
+    """Outcomes of the rows of every table but truth; a table that the vehicle does not name is not configured."""
+    missing = int(Outcome.NOT_CONFIGURED)
+    return {
+        name: stream.outcome.get(name, np.full(len(table), missing)) for name, table in log.tables.items() if not isinstance(table, Truth)
+    }
+
+
+def _unused(name: str, log: Log, verdicts: Integers) -> Innovations:
+    """Entries for the rows that gave no measurement."""
+    row = np.flatnonzero(verdicts != Outcome.USED)
+    count = len(row)
+    none = np.full(count, np.nan)
+    return Innovations(
+        sensor=np.full(count, name, dtype=f"<U{max(1, len(name))}"),
+        row=row,
+        group=np.full(count, -1),
+        time=log[name].time[row],
+        applied=none,
+        component=np.full(count, "", dtype="<U1"),
+        residual=none,
+        sigma=none,
+        nis=none,
+        dof=np.zeros(count, np.int64),
+        gate_probability=none,
+        widened=np.zeros(count, bool),
+        outcome=verdicts[row],
+    )
+
+
+def _joined(first: Innovations, others: list[Innovations]) -> Innovations:
+    """Put entries together in order of time; groups of rows that were not looked at are numbered on."""
+    parts = [first, *others]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Innovations.__dataclass_fields__}
+    unnumbered = joined["group"] < 0
+    joined["group"][unnumbered] = (joined["group"].max(initial=-1) + 1) + np.arange(int(unnumbered.sum()))
+    return Innovations(**joined).select(np.argsort(joined["time"], kind="stable"))
+
+
+def _summary(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, innovations: Innovations) -> dict[str, Any]:
+    """What was run, and what became of every row."""
+    from leadline import __version__
+
+    distance = float(np.hypot(np.diff(solution.north), np.diff(solution.east)).sum())
+    return {
+        "leadline": __version__,
+        "log": log.name,
+        "vehicle": vehicle.name,
+        "process": vehicle.process.model,
+        "estimator": estimator,
+        "start_s": float(solution.time[0]),
+        "end_s": float(solution.time[-1]),
+        "distance_m": distance,
+        "counts": counts_of(log, innovations),
+    }
+
+
+def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:
+    """Count by sensor and outcome: measurements by group, rows that gave none by row, and inertial rows that were used."""
+    counts: dict[str, dict[str, int]] = {}
+    for name, table in log.tables.items():
+        mine = innovations.select(innovations.sensor == name)
+        _, first = np.unique(mine.group, return_index=True)
+        codes, number = np.unique(mine.outcome[first], return_counts=True)
+        counts[name] = {Outcome(int(c)).name.lower(): int(k) for c, k in zip(codes, number, strict=True)}  # type: ignore[call-arg]
+        if isinstance(table, Imu) and Outcome.NOT_CONFIGURED not in mine.outcome:
+            counts[name] = {"used": len(table) - len(np.unique(mine.row)), **counts[name]}
+        elif isinstance(table, Truth):
+            del counts[name]
+    return counts

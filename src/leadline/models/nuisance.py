@@ -1,0 +1,34 @@
+"""Nuisance states: what must be estimated beside the motion, or else known, for a measurement to be understood."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One scalar nuisance: a constant when `sigma` is zero, a state otherwise; a sensor cannot tell which.
+
+    As a state it is a first-order Gauss-Markov process about zero with correlation time `tau` and steady sigma `steady`, or,
+    with infinite tau, a random walk of density `walk` per square root of a second (0: a random constant).
+    """
+
+    name: str  # keyed by instance, for example "dvl.scale"; equal names are one state
+    value: float = 0.0
+    sigma: float = 0.0
+    tau: float = math.inf
+    steady: float = 0.0
+    walk: float = 0.0
+    unit: str = ""
+    frame: str = ""
+
+    @property
+    def rate(self) -> float:
+        """Decay rate 1/tau (1/s)."""
+        return 0.0 if math.isinf(self.tau) else 1.0 / self.tau
+
+    @property
+    def density(self) -> float:
+        """Variance of the driving noise per second."""
+        return self.walk**2 if math.isinf(self.tau) else 2.0 * self.steady**2 / self.tau

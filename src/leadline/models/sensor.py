@@ -1,0 +1,185 @@
+"""The contract of a sensor model, as values: what a sensor is to the navigation loop.
+
+A sensor file offers `compose(config, context) -> Sensor`.  A sensor measures through one or more channels; a channel is one
+function `predict(views, nuisance, row, parameters) -> value, covariance, Jacobian per view, Jacobian for nuisances, outcome`, and
+`read` turns the sensor's table into flat rows whose first numbers are the measured values.  A measured pose is the origin of its
+own tangent space: its measured value is zero, the predicted value the offset from it.
+
+A channel sees views, never a state vector; its nuisances are always complete, whether estimated or constant.  With two epochs the
+first view is at the row's time, the second at its `earlier` epoch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from leadline.core import geodesy
+from leadline.data.errors import InputError
+from leadline.data.outcome import Outcome
+from leadline.models.nuisance import Nuisance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from leadline.data.log import Beacon, Log, Origin
+    from leadline.data.records import Array, Table
+    from leadline.data.vehicle import SensorConfig, Vehicle
+
+AXES: Mapping[int, tuple[str, ...]] = {1: ("",), 3: ("_x", "_y", "_z")}
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a sensor must know beside its own configuration."""
+
+    reference_b: Array = field(default_factory=lambda: np.zeros(3))  # the process model's reference point, from the body origin (m)
+    surface: float = 0.0  # height of the mean water surface above the ellipsoid (m)
+    origin: Origin | None = None
+    beacons: Mapping[str, Beacon] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, log: Log, vehicle: Vehicle) -> Context:
+        """Return the context of a log solved with a vehicle."""
+        imu = vehicle.sensors.get(vehicle.process.imu)
+        reference = imu.lever_arm_b if imu is not None else np.zeros(3)
+        return cls(reference, log.datum.geoid_undulation, log.origin, log.beacons)
+
+    def lever(self, config: SensorConfig) -> Array:
+        """Return a sensor's lever arm counted from the reference point, body axes (3,), m."""
+        return config.lever_arm_b - self.reference_b
+
+    def position_e(self, latitude: Array, longitude: Array, depth: Array) -> Array:
+        """Return Earth-fixed positions (n, 3) of points at a depth below the surface."""
+        return geodesy.ecef_from_geodetic(latitude, longitude, self.surface - depth)
+
+    def geographic(self, north: Array, east: Array, where: str) -> tuple[Array, Array]:
+        """Return latitude and longitude of metres from the origin; raises InputError without an origin."""
+        if self.origin is None:
+            raise InputError(where, "gives north and east, but the log has no origin", "add origin to log.toml")
+        return geodesy.from_north_east(north, east, self.origin.latitude, self.origin.longitude)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One way in which a sensor measures."""
+
+    components: tuple[str, ...]
+    predict: Callable[..., Any]  # a kernel of the signature SENSOR, or plain Python: (views, nuisance, row) -> value, covariance
+    parameters: Array
+    row_length: int
+    nuisances: tuple[Nuisance, ...] = ()
+    angles: tuple[bool, ...] = ()  # which components are angles; empty: none
+    epochs: int = 1
+    requires: frozenset[str] = frozenset()  # what the process model must define, as in models/view.py
+    bounds_drift: bool = False  # whether it holds the horizontal position error (a velocity over ground, a position, a range)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one channel: index into the table (k,), data (k, row_length), and the earlier epoch (k,) where there is one."""
+
+    channel: int
+    row: npt.NDArray[np.int64]
+    data: Array
+    earlier: Array | None = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a sensor makes of a table: rows by channel, and for each table row why it gave none (USED where it did)."""
+
+    rows: tuple[Rows, ...]
+    outcome: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor instance, composed."""
+
+    config: SensorConfig
+    channels: tuple[Channel, ...]
+    read: Callable[[Table], Reading]
+    flight: float = 0.0  # the longest time between two epochs of a row (s)
+
+
+def reading(table: Table, *rows: Rows, outcome: npt.NDArray[np.int64] | None = None) -> Reading:
+    """Return a reading in which table rows that gave no channel a row, and have no outcome yet, are INVALID."""
+    result = np.full(len(table), int(Outcome.USED)) if outcome is None else outcome.copy()
+    reached = np.zeros(len(table), bool)
+    for part in rows:
+        reached[part.row] = True
+    result[~reached & (result == Outcome.USED)] = Outcome.INVALID
+    return Reading(rows, result)
+
+
+def finite_rows(channel: int, data: Array, keep: npt.NDArray[np.bool_] | None = None, earlier: Array | None = None) -> Rows:
+    """Return the rows of `data` (n, row_length) that are all finite (and kept) as rows of a channel."""
+    good = np.isfinite(data).all(axis=1)
+    if keep is not None:
+        good &= keep
+    if earlier is not None:
+        good &= np.isfinite(earlier)
+    index = np.flatnonzero(good)
+    return Rows(channel, index, np.ascontiguousarray(data[index]), None if earlier is None else earlier[index])
+
+
+def usable(table: Table) -> npt.NDArray[np.bool_]:
+    """Return which rows the sensor itself calls valid (all, where it says nothing)."""
+    return np.ones(len(table), bool) if table.valid is None else np.nan_to_num(table.valid) != 0
+
+
+def filled(column: Array | None, default: float, count: int) -> Array:
+    """Return a column, with the default where it is absent or not a number."""
+    if column is None:
+        return np.full(count, default)
+    return np.where(np.isfinite(column), column, default)
+
+
+def nuisances(config: SensorConfig, name: str, axes: int, unit: str, frame: str = "") -> tuple[Nuisance, ...]:
+    """Return one nuisance of a sensor, per axis, keyed by instance; without a prior it is a constant zero."""
+    prior = config.nuisance.get(name)
+    if prior is None:
+        return tuple(Nuisance(f"{config.name}.{name}{axis}", unit=unit, frame=frame) for axis in AXES[axes])
+    sigma = np.broadcast_to(prior.sigma, axes)
+    steady = float(sigma.max()) if prior.steady is None else prior.steady
+    return tuple(
+        Nuisance(f"{config.name}.{name}{axis}", float(value), float(s), prior.tau, steady, prior.walk, unit, frame)
+        for axis, value, s in zip(AXES[axes], np.broadcast_to(prior.value, axes), sigma, strict=True)
+    )
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor | None:
+    """Compose a sensor: a user's own by its `model`, else the model of its kind; None where no model uses that kind (yet).
+
+    Raises InputError when a user's model cannot be imported.
+    """
+    from leadline.models.sensors import acoustic_range, attitude, depth, dvl, heading, position, zero_velocity
+
+    by_kind: Mapping[str, Callable[[SensorConfig, Context], Sensor]] = {
+        "dvl": dvl.compose,
+        "depth": depth.compose,
+        "heading": heading.compose,
+        "attitude": attitude.compose,
+        "gnss": position.compose_gnss,
+        "position_fix": position.compose_fix,
+        "zero_velocity": zero_velocity.compose,
+        "acoustic_range": acoustic_range.compose,
+    }
+    if config.model is not None:
+        return _imported(config)(config, context)
+    return by_kind[config.kind](config, context) if config.kind in by_kind else None
+
+
+def _imported(config: SensorConfig) -> Callable[[SensorConfig, Context], Sensor]:
+    module, _, name = (config.model or "").partition(":")
+    try:
+        found: Callable[[SensorConfig, Context], Sensor] = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        right = "'package.module:function' that makes a leadline.models.sensor.Sensor"
+        raise InputError(f"sensors.{config.name}.model", f"'{config.model}' cannot be imported ({error})", right) from error
+    return found

@@ -1,0 +1,226 @@
+"""Doppler log over the bottom, as a vector or beam by beam.
+
+    y = R_bs^T (R_nb^T v + w x l)          velocity of the transducer over ground, in its own axes
+    z = (1 + s) (y - e x y)                vector: scale s, small mounting error e (rad, sensor axes)
+    z = (1 + s) d . (y - e x y)            beam with outward direction d: positive when the sensor moves along it
+
+Vector row: velocity 3, covariance xx yy zz xy xz yz.  Beam row: velocity, variance, direction 3.  Parameters: rotation_bs 9,
+lever_arm_b 3, and for levelled velocities whether their first axis is north (1) or the heading (0).
+Nuisances: scale, mounting 3.  The mounting error is to first order: 1e-4 of the speed at one degree.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from leadline.core.compiled import SENSOR, kernel
+from leadline.core.rotation import cross, load3, load_matrix, turn, turn_back
+from leadline.data.errors import InputError
+from leadline.data.outcome import Outcome
+from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, usable
+from leadline.models.view import (
+    ATTITUDE_T,
+    QUATERNION_V,
+    RATE,
+    RATE_T,
+    RATE_V,
+    VELOCITY,
+    VELOCITY_T,
+    VELOCITY_V,
+    heading_of,
+    wander,
+)
+
+if TYPE_CHECKING:
+    from leadline.data.records import Array, Dvl
+    from leadline.data.vehicle import SensorConfig
+
+LEVER_P, NORTH_P = 9, 12
+FRAMES = ("sensor", "body", "level", "ned")  # channel by frame
+BEAM_CHANNEL = len(FRAMES)
+
+
+@kernel()
+def mounting_of(params):
+    """The nine numbers of rotation_bs at the start of the parameters."""
+    return params[0], params[1], params[2], params[3], params[4], params[5], params[6], params[7], params[8]
+
+
+@kernel()
+def read_covariance(row, at, R):
+    """R of a row that holds xx yy zz xy xz yz from place `at`."""
+    for i in range(3):
+        R[i, i] = row[at + i]
+    R[0, 1] = R[1, 0] = row[at + 3]
+    R[0, 2] = R[2, 0] = row[at + 4]
+    R[1, 2] = R[2, 1] = row[at + 5]
+
+
+@kernel()
+def transducer_velocity(views, params):
+    """R_nb^T v + w x l in body axes."""
+    b = turn_back(load_matrix(views, QUATERNION_V), load3(views, VELOCITY_V))
+    w = cross(load3(views, RATE_V), load3(params, LEVER_P))
+    return b[0] + w[0], b[1] + w[1], b[2] + w[2]
+
+
+@kernel()
+def write_row(Hv, i, views, params, g):
+    """Jacobian of g . (R_nb^T v + w x l), with g in body axes, into row i."""
+    n = turn(load_matrix(views, QUATERNION_V), g)
+    t = cross(n, load3(views, VELOCITY_V))
+    r = cross(load3(params, LEVER_P), g)
+    for j in range(3):
+        Hv[i, VELOCITY_T + j] = n[j]
+        Hv[i, ATTITUDE_T + j] = t[j]
+        Hv[i, RATE_T + j] = r[j]
+
+
+@kernel(SENSOR)
+def predict_vector(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity in the axes of the sensor."""
+    y = turn_back(mounting_of(params), transducer_velocity(views, params))
+    scale = 1.0 + nuisance[0]
+    e = (nuisance[1], nuisance[2], nuisance[3])
+    ey = cross(e, y)
+    for i in range(3):
+        d = y[i] - ey[i]
+        z[i] = scale * d
+        Hn[i, 0] = d
+        unit = (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0)
+        de = cross(unit, y)  # unit . -(e x y) = e . (unit x y)
+        ue = cross(unit, e)  # unit . -(e x y) = y . (e x unit)
+        g = (scale * (unit[0] - ue[0]), scale * (unit[1] - ue[1]), scale * (unit[2] - ue[2]))
+        for j in range(3):
+            Hn[i, 1 + j] = scale * de[j]
+        write_row(Hv, i, views, params, turn(mounting_of(params), g))
+    read_covariance(row, 3, R)
+    return 0
+
+
+@kernel(SENSOR)
+def predict_beam(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity along one beam."""
+    y = turn_back(mounting_of(params), transducer_velocity(views, params))
+    scale = 1.0 + nuisance[0]
+    e = (nuisance[1], nuisance[2], nuisance[3])
+    d = load3(row, 2)
+    de = cross(d, y)
+    along = d[0] * y[0] + d[1] * y[1] + d[2] * y[2] + e[0] * de[0] + e[1] * de[1] + e[2] * de[2]
+    z[0] = scale * along
+    Hn[0, 0] = along
+    for j in range(3):
+        Hn[0, 1 + j] = scale * de[j]
+    ue = cross(d, e)
+    g = (scale * (d[0] - ue[0]), scale * (d[1] - ue[1]), scale * (d[2] - ue[2]))
+    write_row(Hv, 0, views, params, turn(mounting_of(params), g))
+    R[0, 0] = row[1]
+    return 0
+
+
+@kernel(SENSOR)
+def predict_level(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity in level axes, along north and east or along the heading and to starboard of it; scale alone applies."""
+    c = load_matrix(views, QUATERNION_V)
+    n = turn(c, transducer_velocity(views, params))
+    lever = turn(c, cross(load3(views, RATE_V), load3(params, LEVER_P)))
+    north = params[NORTH_P] != 0.0
+    angle = wander(views) if north else wander(views) - heading_of(views)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    ahead, starboard, down = (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
+    scale = 1.0 + nuisance[0]
+    for i in range(3):
+        g = ahead if i == 0 else (starboard if i == 1 else down)
+        value = g[0] * n[0] + g[1] * n[1] + g[2] * n[2]
+        z[i], Hn[i, 0] = scale * value, value
+        t = cross(lever, g)  # the lever arm's part turns with the attitude, the velocity does not
+        r = cross(load3(params, LEVER_P), turn_back(c, g))
+        for j in range(3):
+            Hv[i, VELOCITY_T + j] = scale * g[j]
+            Hv[i, ATTITUDE_T + j] = scale * t[j]
+            Hv[i, RATE_T + j] = scale * r[j]
+    if not north:  # the level axes turn with the heading: d ahead = starboard, d starboard = -ahead
+        level = c[0] * c[0] + c[3] * c[3]
+        for i in range(2):
+            turned = z[1] if i == 0 else -z[0]
+            Hv[i, ATTITUDE_T] -= turned * c[0] * c[6] / level
+            Hv[i, ATTITUDE_T + 1] -= turned * c[3] * c[6] / level
+            Hv[i, ATTITUDE_T + 2] += turned
+    read_covariance(row, 3, R)
+    return 0
+
+
+def beam_directions(config: SensorConfig, count: int) -> Array:
+    """Outward unit vectors of the beams in the sensor frame (count, 3), from azimuth (x towards y) and tilt off the z axis."""
+    azimuth, tilt = config.values.get("beam_azimuth"), config.values.get("beam_tilt")
+    if azimuth is None or tilt is None:
+        raise InputError(f"sensors.{config.name}", "uses beams and does not say where they point", "give beam_azimuth_deg and beam_tilt_deg")
+    if len(azimuth) != count:
+        raise InputError(f"sensors.{config.name}.beam_azimuth_deg", f"has {len(azimuth)} beams", f"the table has {count}")
+    a = np.asarray(azimuth)
+    return np.stack([np.sin(tilt) * np.cos(a), np.sin(tilt) * np.sin(a), np.full(count, np.cos(tilt))], axis=1)
+
+
+def _covariance(config: SensorConfig, table: Dvl) -> Array:
+    """Covariance (n, 6) as xx yy zz xy xz yz: from the row where given, else the configured sigma."""
+    given = np.full((len(table), 3), np.nan) if table.sigma is None else table.sigma
+    sigma = np.where(np.isfinite(given), given, config.value("sigma"))
+    mixed = np.zeros((len(table), 3)) if table.covariance is None else np.nan_to_num(table.covariance)
+    return np.column_stack([sigma**2, mixed])
+
+
+def _vector_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
+    """Rows by frame: as the row says, else as configured."""
+    data = np.column_stack([table.velocity, _covariance(config, table)])  # type: ignore[list-item]
+    default = config.value("frame", "sensor")
+    frame = np.full(len(table), default) if table.frame is None else np.where(table.frame == "", default, table.frame)
+    return tuple(finite_rows(i, data, good & (frame == name)) for i, name in enumerate(FRAMES) if (frame == name).any())
+
+
+def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
+    """One set of rows per beam: each beam is judged by itself, so that one may fail and the others serve."""
+    beam = np.asarray(table.beam)
+    directions = beam_directions(config, beam.shape[1])
+    valid = np.ones(beam.shape, bool) if table.beam_valid is None else np.nan_to_num(table.beam_valid) != 0
+    variance = config.value("beam_sigma", config.value("sigma")) ** 2
+    parts = []
+    for i, direction in enumerate(directions):
+        data = np.column_stack([beam[:, i], filled(None, variance, len(table)), np.tile(direction, (len(table), 1))])
+        parts.append(finite_rows(BEAM_CHANNEL + i, data, good & valid[:, i]))
+    return tuple(parts)
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor:
+    """Compose a Doppler log."""
+    lever, scale = context.lever(config), nuisances(config, "scale", 1, "1")
+    mounting = nuisances(config, "mounting", 3, "rad", "sensor")
+    needs = frozenset({VELOCITY, RATE})
+
+    def channel(components: tuple[str, ...], predict: object, rotation: Array, north: float, length: int) -> Channel:
+        parameters = np.array([*rotation.ravel(), *lever, north])
+        return Channel(components, predict, parameters, length, scale + mounting, requires=needs, bounds_drift=True)  # type: ignore[arg-type]
+
+    axes = ("velocity_x", "velocity_y", "velocity_z")
+    beams = range(len(config.values.get("beam_azimuth") or ()))
+    channels = (
+        channel(axes, predict_vector, config.rotation_bs, 0.0, 9),
+        channel(axes, predict_vector, np.eye(3), 0.0, 9),
+        channel(axes, predict_level, np.eye(3), 0.0, 9),
+        channel(("velocity_north", "velocity_east", "velocity_down"), predict_level, np.eye(3), 1.0, 9),
+        *(channel((f"beam{i + 1}",), predict_beam, config.rotation_bs, 0.0, 5) for i in beams),
+    )
+
+    def read(table: Dvl) -> Reading:
+        good = usable(table)
+        by_beam = config.value("use", "velocity") == "beams" or table.velocity is None
+        if by_beam and table.beam is None:
+            raise InputError(f"sensors.{config.name}.use", "is 'beams'", "the table has no beam1_mps, beam2_mps, ...")
+        values = np.asarray(table.beam if by_beam else table.velocity)
+        fast = np.nanmax(np.abs(np.nan_to_num(values)), axis=1) > config.value("speed_max", 10.0)
+        outcome = np.where(fast, int(Outcome.OUT_OF_RANGE), int(Outcome.USED))
+        parts = (_beam_rows if by_beam else _vector_rows)(config, table, good & ~fast)
+        return reading(table, *parts, outcome=outcome)
+
+    return Sensor(config, channels, read)  # type: ignore[arg-type]

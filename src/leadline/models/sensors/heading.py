@@ -1,0 +1,62 @@
+"""Heading of the body from true north: z = heading + bias.
+
+Row: heading (rad), variance (rad^2).  Nuisance: bias.  A magnetic heading is brought to true north by the declination when read.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from leadline.core.attitude import euler_from_quaternion, quaternion_from_matrix
+from leadline.core.compiled import SENSOR, kernel
+from leadline.core.rotation import load_matrix
+from leadline.data.errors import InputError
+from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, nuisances, reading, usable
+from leadline.models.view import ATTITUDE_T, QUATERNION_V, heading_of
+
+if TYPE_CHECKING:
+    from leadline.data.records import Table
+    from leadline.data.vehicle import SensorConfig
+
+
+@kernel(SENSOR)
+def predict(views, nuisance, row, params, z, R, Hv, Hn):
+    """Heading of the body's forward axis; it has none when that axis is vertical."""
+    c = load_matrix(views, QUATERNION_V)
+    level = c[0] * c[0] + c[3] * c[3]
+    if level < 1e-6:
+        return 3
+    z[0] = heading_of(views) + nuisance[0]
+    Hv[0, ATTITUDE_T] = -c[0] * c[6] / level
+    Hv[0, ATTITUDE_T + 1] = -c[3] * c[6] / level
+    Hv[0, ATTITUDE_T + 2] = 1.0
+    Hn[0, 0] = 1.0
+    R[0, 0] = row[1]
+    return 0
+
+
+def declination(config: SensorConfig) -> float:
+    """Return what must be added to the sensor's headings to count them from true north (rad)."""
+    if config.value("reference", "true") == "true":
+        return 0.0
+    if config.values.get("declination") is None:
+        raise InputError(f"sensors.{config.name}", "is magnetic and has no declination_deg", "give declination_deg, east positive")
+    return float(config.value("declination"))
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor:  # noqa: ARG001  (every sensor is composed alike)
+    """Compose a compass or gyrocompass; its mounting turns about the vertical only."""
+    default, north = config.value("sigma"), declination(config)
+    mounting = float(euler_from_quaternion(quaternion_from_matrix(config.rotation_bs))[2])
+
+    def read(table: Table) -> Reading:
+        sigma = filled(table.sigma, default, len(table))  # type: ignore[attr-defined]
+        heading = table.heading + north - mounting  # type: ignore[attr-defined]
+        return reading(table, finite_rows(0, np.stack([heading, sigma**2], axis=1), usable(table)))
+
+    bias = nuisances(config, "bias", 1, "rad")
+    return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 2, bias, angles=(True,)),), read)
+
+

@@ -1,0 +1,40 @@
+"""Rest: the vehicle is known to stand still over the ground.  z = velocity, measured value zero.
+
+Row: 0 0 0, variance (m^2/s^2).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from leadline.core.compiled import SENSOR, kernel
+from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, reading, usable
+from leadline.models.view import VELOCITY, VELOCITY_T, VELOCITY_V
+
+if TYPE_CHECKING:
+    from leadline.data.records import Table
+    from leadline.data.vehicle import SensorConfig
+
+
+@kernel(SENSOR)
+def predict(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity over ground of the reference point."""
+    for i in range(3):
+        z[i] = views[VELOCITY_V + i]
+        Hv[i, VELOCITY_T + i] = 1.0
+        R[i, i] = row[3]
+    return 0
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor:  # noqa: ARG001  (every sensor is composed alike)
+    """Compose moments of rest."""
+    default = config.value("sigma")
+
+    def read(table: Table) -> Reading:
+        sigma = filled(table.sigma, default, len(table))  # type: ignore[attr-defined]
+        return reading(table, finite_rows(0, np.column_stack([np.zeros((len(table), 3)), sigma**2]), usable(table)))
+
+    names = ("velocity_x", "velocity_y", "velocity_z")
+    return Sensor(config, (Channel(names, predict, np.zeros(1), 4, requires=frozenset({VELOCITY}), bounds_drift=True),), read)

@@ -1,0 +1,172 @@
+"""The report for a person: one file that needs no network."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from leadline.assess.consistency import Answer
+from leadline.report import figures, judged, tables
+from leadline.report.drawing import clock_of, points_per_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from leadline.assess.assessment import Assessment
+    from leadline.data.records import Truth
+    from leadline.data.solution import Solution
+    from leadline.report.drawing import Clock, Figure
+    from leadline.report.tables import Grid
+
+SIGNS = {Answer.CONSISTENT: "✓", Answer.INCONSISTENT: "✕", Answer.TOO_FEW: "?"}
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with a sentence, figures (title, figure) and tables."""
+
+    key: str
+    title: str
+    text: str = ""
+    figures: Sequence[tuple[str, Figure]] = ()
+    grids: Sequence[Grid] = ()
+
+
+def write_report(
+    solution: Solution, path: str | Path, *, assessment: Assessment, truth: Truth | None = None, log_name: str | None = None
+) -> None:
+    """Write the report of a solution as one self-contained page, whole or not at all.
+
+    Raises InputError where the place cannot be written.
+    """
+    from leadline.formats.atomic import new_file
+
+    page = report_page(solution, assessment=assessment, truth=truth, log_name=log_name)
+    with new_file(path) as part:
+        part.write_text(page, "utf-8")
+
+
+def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | None = None, log_name: str | None = None) -> str:
+    """Return the report as the text of an HTML page."""
+    from leadline import __version__
+
+    sections = list(_sections(solution, assessment, truth))
+    return str(
+        _template().render(
+            name=log_name or solution.summary.get("name") or "Solution",
+            epoch=f"{solution.epoch:%Y-%m-%d %H:%M:%S} UTC",
+            version=__version__,
+            verdict=assessment.verdict,
+            words=_without_answer(assessment.verdict.sentence),
+            sign=SIGNS[assessment.verdict.answer],
+            headlines=tables.headlines(assessment),
+            sections=sections,
+            figure_json=_figure_json,
+            plotly=_plotly(),
+        )
+    )
+
+
+def _sections(solution: Solution, assessment: Assessment, truth: Truth | None) -> Iterator[Section]:
+    clock = clock_of(solution.time, solution.epoch)
+    most = points_per_line(_line_count(solution, assessment))
+    yield _run_section(solution)
+    if len(solution):
+        yield from _state_sections(solution, truth, clock, most)
+    yield from _error_sections(assessment, clock, most)
+    yield from _innovation_sections(solution, clock)
+    yield Section("outcomes", "What became of the measurements", grids=[tables.outcome_grid(assessment)])
+    yield Section("tests", "Verdict, test by test", assessment.verdict.sentence, grids=[tables.verdict_grid(assessment)])
+
+
+def _line_count(solution: Solution, assessment: Assessment) -> int:
+    return 13 + min(len(solution.nuisances), figures.MOST_STATES) + (9 if assessment.errors is not None else 0)
+
+
+def _run_section(solution: Solution) -> Section:
+    if not solution.summary:
+        return Section("run", "What was run", "The solution does not say what was run.")
+    return Section("run", "What was run", grids=[tables.run_grid(solution.summary)])
+
+
+def _state_sections(solution: Solution, truth: Truth | None, clock: Clock, most: int) -> Iterator[Section]:
+    text = (
+        "Fixes are drawn at the estimate before each plus its residual; those that were not used say why under the pointer. "
+        "Scroll or drag to look closer, double-click to see all."
+    )
+    yield Section("map", "Map", text, [("", figures.map_figure(solution, truth))])
+    motion = figures.motion_figures(solution, clock, most)
+    bands = "Shaded: three sigma to either side."
+    yield Section("depth", "Depth", bands, [("", motion["depth"])])
+    yield Section("velocity", "Velocity", "Over ground, of the reported point. " + bands, [("", motion["velocity"])])
+    yield Section("attitude", "Attitude", bands, [("", motion["attitude"])])
+    yield Section("uncertainty", "Predicted uncertainty", figures=[("", motion["uncertainty"])])
+    nuisance = figures.nuisance_figure(solution, clock, most)
+    if nuisance is None:
+        yield Section("nuisance", "Instrument and environment states", "None was estimated.")
+        return
+    hidden = len(solution.nuisances) - figures.MOST_STATES
+    more = f" {hidden} further states are in the solution's tables only." if hidden > 0 else ""
+    yield Section("nuisance", "Instrument and environment states", bands + more, [("", nuisance)])
+
+
+def _error_sections(assessment: Assessment, clock: Clock, most: int) -> Iterator[Section]:
+    errors = assessment.errors
+    if errors is not None and len(errors):
+        drawn = [(block.capitalize(), figure) for block, figure in figures.error_figures(errors, clock, most).items()]
+        text = "Truth minus estimate. Shaded: three sigma as predicted, with the truth's own where it states one."
+        yield Section("errors", "Errors against truth", text, drawn, [tables.error_grid(errors)])
+    elif errors is not None:
+        yield Section("errors", "Errors against truth", "No moment of truth could be compared.", grids=[tables.error_grid(errors)])
+    if assessment.misclosures:
+        yield Section("misclosure", "Misclosure at fixes", grids=[tables.misclosure_grid(assessment)])
+
+
+def _innovation_sections(solution: Solution, clock: Clock) -> Iterator[Section]:
+    residuals = judged.residual_figures(solution, clock) if len(solution.innovations) else {}
+    if not residuals:
+        yield Section("residuals", "Residuals", "No measurement was looked at.")
+        return
+    text = (
+        "Measured minus predicted, in units of the sigma that was predicted for it; dotted at 0 and ±3. Crosses were turned away by the "
+        "gate and say why under the pointer; what lies beyond ±6 is drawn at the edge."
+    )
+    yield Section("residuals", "Residuals", text, list(residuals.items()))
+    nis = judged.nis_figure(solution, clock)
+    if nis is not None:
+        text = "Line: running mean, which should stay in the shaded band 99 % of the time. Dots: single groups that were used."
+        yield Section("nis", "Normalised innovations squared", text, [("", nis)])
+
+
+def _without_answer(sentence: str) -> str:
+    """Return a verdict's sentence without the answer that it opens with, which stands above it."""
+    answer, colon, rest = sentence.partition(": ")
+    opens = colon and answer.lower() in {a.value for a in Answer}
+    return rest[:1].upper() + rest[1:] if opens else sentence
+
+
+def _figure_json(figure: Figure) -> str:
+    """Return a figure as JSON that may stand inside a script element."""
+    body: dict[str, Any] = {"data": figure.data, "layout": figure.layout}
+    return json.dumps(body, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+@cache
+def _template() -> Any:
+    from importlib.resources import files
+
+    from jinja2 import Environment, StrictUndefined
+
+    source = files("leadline.report").joinpath("report.html.j2").read_text("utf-8")
+    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(source)
+
+
+@cache
+def _plotly() -> str:
+    """Return plotly's JavaScript, to be inlined once."""
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs()).replace("</script", "<\\/script")
