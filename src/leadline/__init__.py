@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-_HOMES = {
+_HOMES = {  # resolved on first use, so that `import leadline` stays light
     "InputError": "leadline.data.errors",
     "Log": "leadline.data.log",
     "Navigator": "leadline.estimate.navigator",
@@ -37,7 +37,10 @@ _HOMES = {
     "write_log": "leadline.formats.folder",
     "write_solution": "leadline.formats.solution",
 }
-__all__ = sorted(_HOMES)  # noqa: PLE0605  (names are resolved on first use, so that `import leadline` stays light)
+__all__ = [
+    "InputError", "Log", "Navigator", "Outcome", "Solution", "Vehicle", "assess", "read_log", "read_solution", "read_vehicle", "solve",
+    "write_log", "write_solution",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from leadline.assess.assessment import assess

@@ -66,7 +66,7 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     best = np.argmax(np.diagonal(candidates, axis1=-2, axis2=-1), axis=-1)
     quaternion = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    return quaternion * np.where(quaternion[..., :1] < 0.0, -1.0, 1.0)
+    return np.asarray(quaternion * np.where(quaternion[..., :1] < 0.0, -1.0, 1.0))
 
 
 def matrix_from_euler(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> Array:
@@ -91,7 +91,7 @@ def product(p: ArrayLike, q: ArrayLike) -> Array:
 
 def conjugate(quaternion: ArrayLike) -> Array:
     """Return the inverse of unit quaternions (..., 4)."""
-    return np.asarray(quaternion, float) * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(np.asarray(quaternion, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def exponential(vector: ArrayLike) -> Array:

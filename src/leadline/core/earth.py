@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from leadline.core.compiled import kernel
-from leadline.core.geodesy import EARTH_RATE, ECCENTRICITY_2, FLATTENING, SEMI_MAJOR_AXIS
+from leadline.core.geodesy import ECCENTRICITY_2, FLATTENING, SEMI_MAJOR_AXIS
 from leadline.core.rotation import exponential, load4, load_matrix, logarithm, product, store_quaternion
 
 GRAVITY_EQUATOR = 9.7803253359  # m/s^2, NGA.STND.0036 (2014)

@@ -28,7 +28,7 @@ class Outcome(IntEnum):
 
     sentence: str
 
-    def __new__(cls, value: int, sentence: str) -> Outcome:
+    def __new__(cls, value: int, sentence: str = "") -> Outcome:
         """Make a member that is an integer and carries a sentence."""
         member = int.__new__(cls, value)
         member._value_ = value

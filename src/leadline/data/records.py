@@ -27,10 +27,11 @@ UNITS: Mapping[str, float] = {
     "s": 1.0, "m": 1.0, "m2": 1.0, "mps": 1.0, "m2ps2": 1.0, "mps2": 1.0, "radps": 1.0, "rad": 1.0, "deg": np.pi / 180.0,
     "ut": 1e-6, "pa": 1.0, "rps": 1.0, "a": 1.0, "v": 1.0, "db": 1.0, "degc": 1.0, "psu": 1.0,
 }  # fmt: skip
-UNITLESS = frozenset(
-    "valid beacon transmitter receiver source sequence ping beam path frame quality fix_type satellites outlier status outcome "
-    "name peak row dof nis moving value head reference hdop correlation".split()
-)
+UNITLESS = frozenset({
+    "valid", "beacon", "transmitter", "receiver", "source", "sequence", "ping", "beam", "path", "frame", "quality", "fix_type",
+    "satellites", "outlier", "status", "outcome", "name", "peak", "row", "dof", "nis", "moving", "value", "head", "reference", "hdop",
+    "correlation",
+})  # fmt: skip
 
 
 def column(pattern: str, *, required: bool = False, text: bool = False) -> Any:
@@ -121,7 +122,7 @@ class Imu(Table):
     delta_angle: Array | None = column("delta_angle_{x,y,z}_rad")
     interval: Array | None = column("interval_s")
     temperature: Array | None = column("temperature_degc")
-    sample: str = "mean"  # of accel and gyro: "mean" over (previous, time] or "instant"; increments say what they are
+    sample: str = "mean"  # "mean" over (previous, time], "instant", or "increment"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -294,7 +295,7 @@ class AcousticRange(Table):
     """Distance or travel time between a beacon (`transmitter`) and a receiver; `time` is the reception."""
 
     kind = "acoustic_range"
-    alternatives = (("range",), ("travel_time",))
+    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = (("range",), ("travel_time",))
     transmitter: Text = column("transmitter", required=True, text=True)
     range: Array | None = column("range_m")
     travel_time: Array | None = column("travel_time_s")

@@ -227,9 +227,11 @@ def _rotation(keys: Mapping[str, Any], where: str) -> Array:
         return attitude.matrix_from_euler(*np.radians(keys["mounting_deg"]))
     matrix = np.array(keys["mounting_matrix"], float)
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > 2e-3 or np.linalg.det(matrix) < 0:
-        raise InputError(f"{where}.mounting_matrix", f"{keys['mounting_matrix']} is no rotation", "three orthogonal unit rows, right-handed")
-    left, _, right = np.linalg.svd(matrix)
-    nearest: Array = left @ right
+        raise InputError(
+            f"{where}.mounting_matrix", f"{keys['mounting_matrix']} is no rotation", "three orthogonal unit rows, right-handed"
+        )
+    u, _, vt = np.linalg.svd(matrix)
+    nearest: Array = u @ vt
     return nearest
 
 

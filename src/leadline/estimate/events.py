@@ -202,8 +202,8 @@ def _row_bytes(table: Table, *, with_time: bool) -> npt.NDArray[np.void]:
     times = {"time", "received", "device_time", "sequence", "transmit"}
     parts = [getattr(table, c.name) for c in table.columns() if with_time or c.name not in times]
     parts = [part.reshape(len(table), -1) for part in (*parts, *(table.extra.values() if with_time else ())) if part is not None]
-    columns = [np.ascontiguousarray(part if part.dtype.kind == "U" else part + 0.0).view(np.uint8).reshape(len(table), -1) for part in parts]
-    joined = np.ascontiguousarray(np.concatenate(columns, axis=1))
+    numbers = [part if part.dtype.kind == "U" else part + 0.0 for part in parts]  # -0.0 is 0.0
+    joined = np.concatenate([np.ascontiguousarray(part).view(np.uint8).reshape(len(table), -1) for part in numbers], axis=1)
     return joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
 
 

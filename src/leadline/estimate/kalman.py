@@ -1,7 +1,7 @@
 """Error-state extended Kalman filter: one point, analytic Jacobians, any layout.
 
-    propagate   x <- f(x)      P <- [Phi 0; 0 beta] P [Phi 0; 0 beta]^T + Q        (clones stand still: beta = 1, Q = 0)
-    update      S = H P H^T + R = L L^T,  Y = L^-1 H P,  y = L^-1 (z - h);  gate on |y|^2;  x <- x [+] Y^T y,  P <- P - Y^T Y
+propagate   x <- f(x)      P <- [Phi 0; 0 beta] P [Phi 0; 0 beta]^T + Q        (clones stand still: beta = 1, Q = 0)
+update      S = H P H^T + R = L L^T,  Y = L^-1 H P,  y = L^-1 (z - h);  gate on |y|^2;  x <- x [+] Y^T y,  P <- P - Y^T Y
 """
 
 from __future__ import annotations

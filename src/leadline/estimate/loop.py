@@ -6,6 +6,8 @@ data[start[e] : start[e + 1]]) and `index` (which result or output the event fil
 
 from __future__ import annotations
 
+import math
+
 from leadline.core.compiled import F2, WIDE, F, I, call_points, call_propagate, call_pull, call_sensor, call_update, call_view, i8, kernel
 from leadline.estimate.plan import (
     CHANNEL,
@@ -84,7 +86,7 @@ def clone(plan, params, state, view, points):
     """Put the pose of now into a free clone (else the oldest): x and P grow by it."""
     slot = 0
     for c in range(plan[CLONES]):
-        if not state[CLONE_TIME + c] == state[CLONE_TIME + c]:
+        if math.isnan(state[CLONE_TIME + c]):
             slot = c
             break
         if state[CLONE_TIME + c] < state[CLONE_TIME + slot]:
@@ -121,11 +123,11 @@ def drop(plan, state, epoch):
     for c in range(plan[CLONES]):
         first = fixed + CLONE_ERROR * c
         if state[CLONE_TIME + c] == epoch:
-            state[CLONE_TIME + c] = float("nan")
+            state[CLONE_TIME + c] = math.nan
             for i in range(first, first + CLONE_ERROR):
                 for j in range(plan[ERROR]):
                     P[i * WIDE + j] = P[j * WIDE + i] = 0.0
-        elif state[CLONE_TIME + c] == state[CLONE_TIME + c]:
+        elif not math.isnan(state[CLONE_TIME + c]):
             active = first + CLONE_ERROR
     state[ACTIVE] = active
 
@@ -183,9 +185,7 @@ def run(plan, params, state, time, kind, start, data, index, first, last, work, 
         for i in range(k):
             verdict = max(verdict, call_sensor(plan[at + SENSOR_AT], V[i], N[i], row, p, Z[i], R, Hv, Hn))
         if verdict == USED:
-            verdict = call_update(
-                plan[UPDATE_AT], plan, params, state, kind[e], row, Z, R, Hv, Hn, work, points, result[index[e]]
-            )
+            verdict = call_update(plan[UPDATE_AT], plan, params, state, kind[e], row, Z, R, Hv, Hn, work, points, result[index[e]])
         outcome[index[e]] = verdict
         if verdict == USED:
             state[LAST_USED + kind[e]] = state[TIME]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from leadline.estimate.composition import Composition, Workspace, output_size
 from leadline.estimate.events import Batch, Event, Events, Integers, Screen, measurements, of_list
 from leadline.estimate.python_sensor import evaluate
 from leadline.models.imu import InputStream
-from leadline.models.layout import INPUT, TIME
+from leadline.models.layout import TIME
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -210,14 +210,9 @@ class Navigator:
         """Return one output (plan.py) at a time not before the state's; the state stays as it is."""
         moment = self.time if time is None else time
         events = of_list([Event(moment, 4, at.IS_OUTPUT)])
-        return self.run(events, outputs=1).output[0]
+        return np.asarray(self.run(events, outputs=1).output[0])
 
 
 def _numbered(batch: Batch, first: int) -> list[Event]:
     """The events of a batch, with rows numbered from the first row that this sensor ever sent."""
     return [Event(e.time, e.rank, e.kind, e.data, e.sensor, e.row + first if e.row >= 0 else -1) for e in batch]
-
-
-def input_in_force(state: Array) -> Any:
-    """Return the input that a state holds (rate 3, force 3, present)."""
-    return state[INPUT : INPUT + 7]

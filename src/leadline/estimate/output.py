@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from leadline.models.sensor import Context
 
 UPPER = np.triu_indices(9)
-EMPTY = Innovations(
-    *(np.zeros(0, kind) for kind in ("U1", int, int, float, float, "U1", float, float, float, int, float, bool, int))  # type: ignore[arg-type]
-)
+EMPTY = Innovations(*(np.zeros(0, kind) for kind in ("U1", int, int, float, float, "U1", float, float, float, int, float, bool, int)))
 
 
 def solution_of(log: Log, origin: Origin, composition: Composition, context: Context, time: Array, output: Array) -> Solution:

@@ -121,7 +121,8 @@ def _first_rate(log: Log, vehicle: Vehicle, time: float) -> Array:
 def _imu_table(log: Log, vehicle: Vehicle) -> Imu:
     table = log[vehicle.process.imu]
     if not isinstance(table, Imu):
-        raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
+        where = f"{log.path or log.name}: {vehicle.process.imu}"
+        raise InputError(where, f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
     return table
 
 
@@ -141,7 +142,8 @@ def stream_of(
         raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", "gives no interval to navigate over", "at least two valid rows")
     last = float(table.time[order][imu_outcome == Outcome.USED][-1]) if end is None else end
     if last <= start:
-        raise InputError(f"{log.path or log.name}: [initial] time_s", f"{start} lies after the last inertial row at {last}", "start earlier")
+        where = f"{log.path or log.name}: [initial] time_s"
+        raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
     inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start, side="right") - 1)
     batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
     batches += _measured(log, navigator, start, last, outcome)
@@ -277,7 +279,7 @@ def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:
         mine = innovations.select(innovations.sensor == name)
         _, first = np.unique(mine.group, return_index=True)
         codes, number = np.unique(mine.outcome[first], return_counts=True)
-        counts[name] = {Outcome(int(c)).name.lower(): int(k) for c, k in zip(codes, number, strict=True)}  # type: ignore[call-arg]
+        counts[name] = {Outcome(int(c)).name.lower(): int(k) for c, k in zip(codes, number, strict=True)}
         if isinstance(table, Imu) and Outcome.NOT_CONFIGURED not in mine.outcome:
             counts[name] = {"used": len(table) - len(np.unique(mine.row)), **counts[name]}
         elif isinstance(table, Truth):

@@ -128,9 +128,7 @@ def _attitude(
     raise InputError(f"{where}: [initial]", "says no heading, and there is no heading or attitude sensor", "add heading_deg")
 
 
-def _tilt(
-    initial: Initial, ahrs: Table | None, tables: Mapping[str, Table], vehicle: Vehicle, time: float
-) -> tuple[float, float]:
+def _tilt(initial: Initial, ahrs: Table | None, tables: Mapping[str, Table], vehicle: Vehicle, time: float) -> tuple[float, float]:
     """Roll and pitch: as given, from an AHRS, else from the direction of the mean specific force over the first second."""
     if initial.roll is not None and initial.pitch is not None:
         return initial.roll, initial.pitch

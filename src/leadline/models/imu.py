@@ -54,16 +54,18 @@ class InputStream:
         Rows that are not numbers, or do not come after the row before, give no input.
         """
         time = table.time - self.latency
-        rate, force, interval = self._rates(table, time)
+        rate, force, interval = self._rates(table)
         good = np.isfinite(time) & np.isfinite(rate).all(axis=1) & np.isfinite(force).all(axis=1)
-        good[good] &= np.diff(time[good], prepend=self.covered) > 0.0
+        forward = np.diff(time[good], prepend=self.covered) > 0.0
+        good = np.asarray(good)
+        good[good] = forward
         outcome = np.where(good, int(Outcome.USED), int(Outcome.INVALID))
         if not good.any():
             return np.zeros(0), np.zeros((0, INPUT_SIZE)), outcome
         start, data = self._inputs(table, time[good], rate[good], force[good], None if interval is None else interval[good])
         return start, data, outcome
 
-    def _rates(self, table: Imu, time: Array) -> tuple[Array, Array, Array | None]:
+    def _rates(self, table: Imu) -> tuple[Array, Array, Array | None]:
         """Rates and forces in body axes (n, 3); increments are divided by their interval, which is returned too."""
         if table.accel is not None and table.gyro is not None:
             return turned(self.rotation_bs, table.gyro), turned(self.rotation_bs, table.accel), None
@@ -100,7 +102,7 @@ class InputStream:
         order = np.argsort(start, kind="stable")
         return start[order], data[order]
 
-    def _increments(self, rate: Array, force: Array, step: Array, gap: Array, instant: bool) -> tuple[Array, Array]:
+    def _increments(self, rate: Array, force: Array, step: Array, gap: npt.NDArray[np.bool_], instant: bool) -> tuple[Array, Array]:
         """Increments of angle and velocity (n, 3) with coning and sculling; after a gap there is no row before."""
         dt, joined = step[:, None], ~gap[:, None]
         if instant:
@@ -110,7 +112,7 @@ class InputStream:
             return angle, np.where(joined, 0.5 * (f + force) * dt + sculling, force * dt)
         a, v = rate * dt, force * dt
         a0, v0 = self._shifted("angle", a), self._shifted("velocity", v)
-        joined &= np.isfinite(a0).all(axis=1)[:, None]
+        joined = joined & np.isfinite(a0).all(axis=1)[:, None]
         angle = np.where(joined, a + cross(a0, a) / 12.0, a)
         return angle, np.where(joined, v + (cross(a0, v) + cross(v0, a)) / 12.0, v)
 

@@ -114,8 +114,7 @@ class Layout:
     @property
     def x(self) -> slice:
         """Where the nominal state lies in the flat state."""
-        start = LAST_USED + self.channels
-        return slice(start, start + self.nominal)
+        return slice(LAST_USED + self.channels, LAST_USED + self.channels + self.nominal)
 
     @property
     def covariance(self) -> slice:
@@ -125,7 +124,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Length of the flat state."""
-        return self.covariance.stop
+        return int(self.covariance.stop)
 
     def nominal_of(self, name: str) -> slice:
         """Where a part of the motion lies in x."""

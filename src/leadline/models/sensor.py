@@ -103,7 +103,7 @@ class Sensor:
 
     config: SensorConfig
     channels: tuple[Channel, ...]
-    read: Callable[[Table], Reading]
+    read: Callable[[Any], Reading]  # of a table of the sensor's kind
     flight: float = 0.0  # the longest time between two epochs of a row (s)
 
 

@@ -20,7 +20,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.earth import earth_fixed
 from leadline.core.rotation import cross, load3, load_matrix, turn, turn_back
 from leadline.data.outcome import Outcome
-from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, usable
+from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, nuisances, reading, usable
 from leadline.models.view import ATTITUDE_T, PLACE_V, POSITION_T, QUATERNION_V, TANGENT, VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -125,8 +125,9 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         near = ~(distance > longest)
         transmit = filled(table.transmit, np.nan, count)
         transmit = np.where(np.isfinite(transmit), transmit, table.time - 2.0 * distance / speed - turnaround)
-        outcome = np.where(near, np.where(np.isfinite(beacon).all(axis=1), int(Outcome.USED), int(Outcome.NOT_CONFIGURED)), 3)
-        parts: tuple[Rows, ...] = (finite_rows(ONE_WAY, data, good & near & ~two_way), finite_rows(TWO_WAY, data, good & near & two_way, transmit))
-        return reading(table, *parts, outcome=outcome)
+        placed = np.isfinite(beacon).all(axis=1)
+        outcome = np.select([~near, ~placed], [int(Outcome.OUT_OF_RANGE), int(Outcome.NOT_CONFIGURED)], int(Outcome.USED))
+        one_row = finite_rows(ONE_WAY, data, good & near & ~two_way)
+        return reading(table, one_row, finite_rows(TWO_WAY, data, good & near & two_way, transmit), outcome=outcome)
 
-    return Sensor(config, (one, two), read, flight=2.0 * longest / speed + 10.0)  # type: ignore[arg-type]
+    return Sensor(config, (one, two), read, flight=2.0 * longest / speed + 10.0)

@@ -18,7 +18,7 @@ from leadline.models.sensors.heading import declination
 from leadline.models.view import ATTITUDE_T, QUATERNION_V, wander
 
 if TYPE_CHECKING:
-    from leadline.data.records import Array, Table
+    from leadline.data.records import Array, Attitude
     from leadline.data.vehicle import SensorConfig
 
 QUATERNION_R, LEVEL_R, VARIANCE_R = 3, 7, 9
@@ -54,24 +54,24 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     return 0
 
 
-def measured_quaternion(config: SensorConfig, table: Table) -> Array:
+def measured_quaternion(config: SensorConfig, table: Attitude) -> Array:
     """Return body -> true north-east-down (n, 4) of an attitude table."""
-    if table.quaternion is not None:  # type: ignore[attr-defined]
-        q = table.quaternion / np.linalg.norm(table.quaternion, axis=1, keepdims=True)  # type: ignore[attr-defined]
+    if table.quaternion is not None:
+        q = table.quaternion / np.linalg.norm(table.quaternion, axis=1, keepdims=True)
     else:
-        q = attitude.quaternion_from_euler(table.roll, table.pitch, table.heading)  # type: ignore[attr-defined]
+        q = attitude.quaternion_from_euler(*map(np.asarray, (table.roll, table.pitch, table.heading)))
     north = attitude.quaternion_from_euler(0.0, 0.0, declination(config))
     mounting = attitude.conjugate(attitude.quaternion_from_matrix(config.rotation_bs))
     return attitude.product(attitude.product(north, q), mounting)
 
 
-def compose(config: SensorConfig, context: Context) -> Sensor:  # noqa: ARG001  (every sensor is composed alike)
+def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose an attitude sensor."""
     default = np.array([config.value("sigma_tilt"), config.value("sigma_tilt"), config.value("sigma")])
 
-    def read(table: Table) -> Reading:
+    def read(table: Attitude) -> Reading:
         q = measured_quaternion(config, table)
-        given = table.sigma  # type: ignore[attr-defined]
+        given = table.sigma
         sigma = np.broadcast_to(default, (len(table), 3)) if given is None else np.where(np.isfinite(given), given, default)
         heading = attitude.euler_from_quaternion(q)[2]
         data = np.column_stack([np.zeros((len(table), 3)), q, np.cos(heading), np.sin(heading), sigma**2])

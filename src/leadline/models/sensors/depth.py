@@ -15,7 +15,7 @@ from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_row
 from leadline.models.view import ATTITUDE_T, HEIGHT_V, POSITION_T, QUATERNION_V
 
 if TYPE_CHECKING:
-    from leadline.data.records import Table
+    from leadline.data.records import Depth
     from leadline.data.vehicle import SensorConfig
     from leadline.models.nuisance import Nuisance
 
@@ -41,8 +41,8 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose a depth sensor."""
     variance = config.value("sigma") ** 2
 
-    def read(table: Table) -> Reading:
-        depth = table.depth  # type: ignore[attr-defined]
+    def read(table: Depth) -> Reading:
+        depth = table.depth
         return reading(table, finite_rows(0, np.stack([depth, np.full(len(table), variance)], axis=1), usable(table)))
 
     return Sensor(config, (channel(config, context, "depth", nuisances(config, "datum", 1, "m")),), read)

@@ -11,7 +11,7 @@ Nuisances: scale, mounting 3.  The mounting error is to first order: 1e-4 of the
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,6 +34,8 @@ from leadline.models.view import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from leadline.data.records import Array, Dvl
     from leadline.data.vehicle import SensorConfig
 
@@ -156,7 +158,8 @@ def beam_directions(config: SensorConfig, count: int) -> Array:
     """Outward unit vectors of the beams in the sensor frame (count, 3), from azimuth (x towards y) and tilt off the z axis."""
     azimuth, tilt = config.values.get("beam_azimuth"), config.values.get("beam_tilt")
     if azimuth is None or tilt is None:
-        raise InputError(f"sensors.{config.name}", "uses beams and does not say where they point", "give beam_azimuth_deg and beam_tilt_deg")
+        right = "give beam_azimuth_deg and beam_tilt_deg"
+        raise InputError(f"sensors.{config.name}", "uses beams and does not say where they point", right)
     if len(azimuth) != count:
         raise InputError(f"sensors.{config.name}.beam_azimuth_deg", f"has {len(azimuth)} beams", f"the table has {count}")
     a = np.asarray(azimuth)
@@ -173,7 +176,7 @@ def _covariance(config: SensorConfig, table: Dvl) -> Array:
 
 def _vector_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
     """Rows by frame: as the row says, else as configured."""
-    data = np.column_stack([table.velocity, _covariance(config, table)])  # type: ignore[list-item]
+    data = np.column_stack([np.asarray(table.velocity), _covariance(config, table)])
     default = config.value("frame", "sensor")
     frame = np.full(len(table), default) if table.frame is None else np.where(table.frame == "", default, table.frame)
     return tuple(finite_rows(i, data, good & (frame == name)) for i, name in enumerate(FRAMES) if (frame == name).any())
@@ -198,9 +201,9 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
     mounting = nuisances(config, "mounting", 3, "rad", "sensor")
     needs = frozenset({VELOCITY, RATE})
 
-    def channel(components: tuple[str, ...], predict: object, rotation: Array, north: float, length: int) -> Channel:
+    def channel(components: tuple[str, ...], predict: Callable[..., Any], rotation: Array, north: float, length: int) -> Channel:
         parameters = np.array([*rotation.ravel(), *lever, north])
-        return Channel(components, predict, parameters, length, scale + mounting, requires=needs, bounds_drift=True)  # type: ignore[arg-type]
+        return Channel(components, predict, parameters, length, scale + mounting, requires=needs, bounds_drift=True)
 
     axes = ("velocity_x", "velocity_y", "velocity_z")
     beams = range(len(config.values.get("beam_azimuth") or ()))
@@ -223,4 +226,4 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         parts = (_beam_rows if by_beam else _vector_rows)(config, table, good & ~fast)
         return reading(table, *parts, outcome=outcome)
 
-    return Sensor(config, channels, read)  # type: ignore[arg-type]
+    return Sensor(config, channels, read)

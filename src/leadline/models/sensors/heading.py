@@ -17,7 +17,7 @@ from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, fi
 from leadline.models.view import ATTITUDE_T, QUATERNION_V, heading_of
 
 if TYPE_CHECKING:
-    from leadline.data.records import Table
+    from leadline.data.records import Heading
     from leadline.data.vehicle import SensorConfig
 
 
@@ -46,17 +46,15 @@ def declination(config: SensorConfig) -> float:
     return float(config.value("declination"))
 
 
-def compose(config: SensorConfig, context: Context) -> Sensor:  # noqa: ARG001  (every sensor is composed alike)
+def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose a compass or gyrocompass; its mounting turns about the vertical only."""
     default, north = config.value("sigma"), declination(config)
     mounting = float(euler_from_quaternion(quaternion_from_matrix(config.rotation_bs))[2])
 
-    def read(table: Table) -> Reading:
-        sigma = filled(table.sigma, default, len(table))  # type: ignore[attr-defined]
-        heading = table.heading + north - mounting  # type: ignore[attr-defined]
+    def read(table: Heading) -> Reading:
+        sigma = filled(table.sigma, default, len(table))
+        heading = table.heading + north - mounting
         return reading(table, finite_rows(0, np.stack([heading, sigma**2], axis=1), usable(table)))
 
     bias = nuisances(config, "bias", 1, "rad")
     return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 2, bias, angles=(True,)),), read)
-
-

@@ -21,7 +21,7 @@ from leadline.models.sensors import depth
 from leadline.models.view import ATTITUDE_T, PLACE_V, POSITION_T, QUATERNION_V, wander
 
 if TYPE_CHECKING:
-    from leadline.data.records import Array, Gnss, PositionFix, Table
+    from leadline.data.records import Array, Gnss, PositionFix
     from leadline.data.vehicle import SensorConfig
 
 POINT_R, VARIANCE_R, ROW = 2, 5, 8
@@ -80,7 +80,7 @@ def compose_gnss(config: SensorConfig, context: Context) -> Sensor:
             parts.append(finite_rows(1, np.stack([context.surface - table.height, sigma[:, 2] ** 2], axis=1), good))
         return reading(table, *parts)
 
-    return Sensor(config, _channels(config, context), read)  # type: ignore[arg-type]
+    return Sensor(config, _channels(config, context), read)
 
 
 def compose_fix(config: SensorConfig, context: Context) -> Sensor:
@@ -94,7 +94,7 @@ def compose_fix(config: SensorConfig, context: Context) -> Sensor:
         if table.latitude is not None and table.longitude is not None:
             latitude, longitude = table.latitude, table.longitude
         else:
-            latitude, longitude = context.geographic(table.north, table.east, config.name)  # type: ignore[arg-type]
+            latitude, longitude = context.geographic(np.asarray(table.north), np.asarray(table.east), config.name)
         point = context.position_e(latitude, longitude, filled(table.depth, 0.0, count))
         parts = [finite_rows(0, _rows(point, sigma[:, :2], filled(table.cov_north_east, 0.0, count)), usable(table))]
         if vertical and table.depth is not None:
@@ -102,4 +102,4 @@ def compose_fix(config: SensorConfig, context: Context) -> Sensor:
         outcome = np.where(np.abs(latitude) > np.pi / 2, int(Outcome.INVALID), int(Outcome.USED))
         return reading(table, *parts, outcome=outcome)
 
-    return Sensor(config, _channels(config, context), read)  # type: ignore[arg-type]
+    return Sensor(config, _channels(config, context), read)

@@ -14,7 +14,7 @@ from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, fi
 from leadline.models.view import VELOCITY, VELOCITY_T, VELOCITY_V
 
 if TYPE_CHECKING:
-    from leadline.data.records import Table
+    from leadline.data.records import ZeroVelocity
     from leadline.data.vehicle import SensorConfig
 
 
@@ -28,12 +28,12 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     return 0
 
 
-def compose(config: SensorConfig, context: Context) -> Sensor:  # noqa: ARG001  (every sensor is composed alike)
+def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose moments of rest."""
     default = config.value("sigma")
 
-    def read(table: Table) -> Reading:
-        sigma = filled(table.sigma, default, len(table))  # type: ignore[attr-defined]
+    def read(table: ZeroVelocity) -> Reading:
+        sigma = filled(table.sigma, default, len(table))
         return reading(table, finite_rows(0, np.column_stack([np.zeros((len(table), 3)), sigma**2]), usable(table)))
 
     names = ("velocity_x", "velocity_y", "velocity_z")
