@@ -22,8 +22,8 @@ DURATION = 1800.0
 HARBOUR = Place(radians(32.84), radians(34.92), depth=0.3, surface_height=17.0)
 PLAN = Lawnmower(legs=6, length=255.0, spacing=40.0, speed=1.5, heading=radians(20.0), surface_time=60.0, dive=20.0, ascend=True)
 BEACONS = {
-    "north": Beacon(north=290.0, east=-40.0, depth=30.0, sigma_north=0.5, sigma_east=0.5, sigma_depth=0.2, turnaround=0.1),
-    "east": Beacon(north=150.0, east=330.0, depth=32.0, sigma_north=0.5, sigma_east=0.5, sigma_depth=0.2, turnaround=0.1),
+    "north": Beacon(north=290.0, east=-40.0, depth=30.0, sigma_north=0.1, sigma_east=0.1, sigma_depth=0.1, turnaround=0.1),
+    "east": Beacon(north=150.0, east=330.0, depth=32.0, sigma_north=0.1, sigma_east=0.1, sigma_depth=0.1, turnaround=0.1),
 }
 INSTRUMENTS: dict[str, Instrument[Any]] = {
     "imu": Imu(

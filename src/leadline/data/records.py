@@ -321,7 +321,7 @@ class AcousticBearing(AcousticRange):
     """Direction to a transmitter (rad): azimuth from x towards y, elevation from the xy plane, positive towards z."""
 
     kind = "acoustic_bearing"
-    alternatives = (("azimuth",),)
+    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = (("azimuth",),)
     azimuth: Array | None = column("azimuth_deg", required=True)
     elevation: Array | None = column("elevation_deg")
     sigma_angle: Array | None = column("sigma_angle_deg")

@@ -262,7 +262,8 @@ def _checked(model: type[Model], raw: Mapping[str, Any], where: str) -> Model:
     try:
         return model.model_validate(dict(raw))
     except ValidationError as error:
-        raise _complaint(error.errors()[0], model, where) from error
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")  # a misspelt key explains a missing one
+        raise _complaint(first, model, where) from error
 
 
 def _complaint(error: ErrorDetails, model: type[BaseModel], where: str) -> InputError:

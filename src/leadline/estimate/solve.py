@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from leadline.core import attitude, geodesy
 from leadline.data.errors import InputError, suggestion
 from leadline.data.outcome import Outcome
 from leadline.data.records import Imu, Truth
-from leadline.data.solution import Innovations, Solution
+from leadline.data.solution import Innovations, Solution, Status
 from leadline.estimate import kalman
 from leadline.estimate import plan as at
 from leadline.estimate.composition import Composition
@@ -21,18 +22,22 @@ from leadline.estimate.output import solution_of
 from leadline.estimate.start import Start, origin_of, start_of
 from leadline.models.imu import InputStream
 from leadline.models.inertial import inertial
+from leadline.models.layout import MOST_CLONES
 from leadline.models.sensor import Context, compose
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from pathlib import Path
 
     from leadline.data.log import Log
     from leadline.data.records import Array
     from leadline.data.vehicle import Vehicle
     from leadline.estimate.events import Integers
+    from leadline.models.sensor import Sensor
 
 ESTIMATORS: Mapping[str, Any] = {"ekf": kalman}
 DEFAULT_RATE = 10.0
+AIDED_FOR = 10.0  # s
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,18 @@ def solve(
     results = navigator.run(stream.events, len(stream.times), progress)
     solution = solution_of(log, origin_of(log, start), navigator.composition, context, stream.times, results.output)
     innovations = innovations_of(log, navigator.composition, stream, results)
-    return replace(solution, innovations=innovations, summary=_summary(log, vehicle, estimator, solution, innovations))
+    summary = _summary(log, vehicle, estimator, solution, innovations)
+    return replace(solution, innovations=innovations, status=_status(navigator, stream, results), summary=summary)
+
+
+def _status(navigator: Navigator, stream: Stream, results: Results) -> Integers:
+    """Aided while something that bounds the drift has been used within `AIDED_FOR`, else dead reckoning (n,)."""
+    events = stream.events
+    measured = np.flatnonzero(events.measured)
+    holds = navigator.composition.drift_bounding[events.kind[measured]] if len(measured) else np.zeros(0, bool)
+    last = np.concatenate([[navigator.start], events.time[measured][holds & (results.outcome[: len(measured)] == Outcome.USED)]])
+    since = stream.times - last[np.maximum(np.searchsorted(last, stream.times, side="right") - 1, 0)]
+    return np.where(since <= AIDED_FOR, int(Status.AIDED), int(Status.DEAD_RECKONING))
 
 
 def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window: float = 30.0) -> tuple[Navigator, Start, Context]:
@@ -79,11 +95,25 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     sensors = tuple(s for config in vehicle.sensors.values() if (s := compose(config, context)) is not None)
     clones = vehicle.process.clones
     if clones is None:
-        clones = 2 if any(c.epochs == 2 for s in sensors for c in s.channels) else 0
+        clones = min(MOST_CLONES, max((_clones_needed(s, log) for s in sensors), default=0))
     composition = Composition(inertial(imu, context.surface), sensors, ESTIMATORS[estimator], clones)
     start = start_of(log, vehicle, context)
     state = composition.layout.start(start.time, *_initial(start, vehicle, log))
     return Navigator(composition, state, InputStream.of(imu), window), start, context
+
+
+def _clones_needed(sensor: Sensor, log: Log) -> int:
+    """How many poses at earlier epochs a sensor's rows need at once; one for a sensor that has brought no row yet."""
+    if not any(channel.epochs == 2 for channel in sensor.channels):
+        return 0
+    name = sensor.config.name
+    found = [(r.earlier, log[name].time[r.row]) for r in sensor.read(log[name]).rows if r.earlier is not None] if name in log.tables else []
+    if not found or not len(found[0][0]):
+        return 1
+    earlier, time = found[0]
+    first = np.unique(earlier)
+    last = np.array([time[earlier == epoch].max() for epoch in first])
+    return max(1, int(max(((first <= epoch) & (last > epoch)).sum() for epoch in first)))
 
 
 def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
@@ -269,7 +299,21 @@ def _summary(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, inn
         "end_s": float(solution.time[-1]),
         "distance_m": distance,
         "counts": counts_of(log, innovations),
+        "inputs": {str(path): file_hash(path) for path in _inputs(log, vehicle)},
     }
+
+
+def _inputs(log: Log, vehicle: Vehicle) -> list[Path]:
+    """The files that went in, where they came from files."""
+    folder = sorted(log.path.iterdir()) if log.path is not None and log.path.is_dir() else []
+    tables = [path for path in folder if path.stem in log.tables or path.name == "log.toml"]
+    return tables + ([vehicle.path] if vehicle.path is not None and vehicle.path.is_file() else [])
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:

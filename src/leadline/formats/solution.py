@@ -38,12 +38,17 @@ def write_solution(solution: Solution, path: str | Path, *, csv: bool = False) -
     is taken by something else than a solution, or cannot be written.
     """
     with new_folder(path) as folder:
-        _write_table(_state_columns(solution), folder / ("solution.csv" if csv else "solution.parquet"))
-        _write_table(_covariance_columns(solution), folder / "covariance.parquet")
-        _write_table(_innovation_columns(solution.innovations), folder / "innovations.parquet")
-        (folder / "states.toml").write_text(_states_toml(solution.nuisances), "utf-8")
-        summary = dict(solution.summary) | {"epoch": _epoch_text(solution.epoch), "origin": _origin_keys(solution.origin)}
-        (folder / "summary.json").write_text(json.dumps(plain(summary), indent=2, allow_nan=False) + "\n", "utf-8")
+        fill_folder(solution, folder, csv=csv)
+
+
+def fill_folder(solution: Solution, folder: Path, *, csv: bool = False) -> None:
+    """Write the files of a solution into a folder that is there."""
+    _write_table(_state_columns(solution), folder / ("solution.csv" if csv else "solution.parquet"))
+    _write_table(_covariance_columns(solution), folder / "covariance.parquet")
+    _write_table(_innovation_columns(solution.innovations), folder / "innovations.parquet")
+    (folder / "states.toml").write_text(_states_toml(solution.nuisances), "utf-8")
+    summary = dict(solution.summary) | {"epoch": _epoch_text(solution.epoch), "origin": _origin_keys(solution.origin)}
+    (folder / "summary.json").write_text(json.dumps(plain(summary), indent=2, allow_nan=False) + "\n", "utf-8")
 
 
 def read_solution(path: str | Path) -> Solution:

@@ -55,10 +55,8 @@ class InputStream:
         """
         time = table.time - self.latency
         rate, force, interval = self._rates(table)
-        good = np.isfinite(time) & np.isfinite(rate).all(axis=1) & np.isfinite(force).all(axis=1)
-        forward = np.diff(time[good], prepend=self.covered) > 0.0
-        good = np.asarray(good)
-        good[good] = forward
+        good = np.asarray(np.isfinite(np.column_stack([time, rate, force])).all(axis=1), bool)
+        good[np.flatnonzero(good)] = np.diff(time[good], prepend=self.covered) > 0.0
         outcome = np.where(good, int(Outcome.USED), int(Outcome.INVALID))
         if not good.any():
             return np.zeros(0), np.zeros((0, INPUT_SIZE)), outcome
@@ -112,7 +110,7 @@ class InputStream:
             return angle, np.where(joined, 0.5 * (f + force) * dt + sculling, force * dt)
         a, v = rate * dt, force * dt
         a0, v0 = self._shifted("angle", a), self._shifted("velocity", v)
-        joined = joined & np.isfinite(a0).all(axis=1)[:, None]
+        joined = joined & np.isfinite(a0[:, :1])
         angle = np.where(joined, a + cross(a0, a) / 12.0, a)
         return angle, np.where(joined, v + (cross(a0, v) + cross(v0, a)) / 12.0, v)
 

@@ -1,0 +1,225 @@
+"""The command line: arguments in, exit code out.  The one place that prints, and the one that catches.
+
+Exit codes: 0 done; 1 our own fault (the traceback lies in a file that is named); 2 wrong input (one line says what); 130 interrupted.
+With --json standard output holds JSON alone; progress and trouble go to standard error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from leadline.data.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, help="Navigation for underwater vehicles.")
+vehicle_app = typer.Typer(help="Make and check vehicle files.")
+app.add_typer(vehicle_app, name="vehicle")
+
+LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="Folder of a log (log.toml and one table per sensor).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+def main() -> None:
+    """Run the command line and leave with its exit code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line with arguments; returns the exit code."""
+    try:
+        code = app(arguments or ["--help"], standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except InputError as error:
+        return _say(f"leadline: {error}", 2)
+    except typer.TyperException as error:
+        return _say(f"leadline: {error.format_message()}", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("leadline: interrupted; nothing was written", 130)
+    except BrokenPipeError:
+        return 0
+    except Exception as error:
+        with tempfile.NamedTemporaryFile("w", prefix="leadline-", suffix=".log", delete=False) as file:
+            traceback.print_exc(file=file)
+        return _say(f"leadline: this is our fault, not yours: {type(error).__name__}: {error}; the traceback is in {file.name}", 1)
+
+
+def _say(message: str, code: int) -> int:
+    print(" ".join(message.split()), file=sys.stderr)
+    return code
+
+
+@app.callback(invoke_without_command=True)
+def root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """Navigation for underwater vehicles."""
+    if version:
+        from leadline import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def solve(
+    log: LogPath,
+    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the solution, made anew.")],
+    estimator: Annotated[str, typer.Option(help="ekf: error-state extended Kalman filter.")] = "ekf",
+    rate: Annotated[float, typer.Option(metavar="HZ", help="States per second in the solution; changes no estimate.")] = 10.0,
+    only: Annotated[str, typer.Option(metavar="A,B", help="Aid with these sensors alone.")] = "",
+    without: Annotated[str, typer.Option(metavar="A,B", help="Leave these sensors out.")] = "",
+    csv: Annotated[bool, typer.Option("--csv", help="States as CSV instead of Parquet.")] = False,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Turn a recorded dive into a trajectory with error bars, and a report."""
+    with _progress("loading (kernels are compiled once, half a minute)") as tell:
+        from leadline.missions.dive import solve_dive
+
+        solution, assessment = solve_dive(
+            log,
+            vehicle,
+            out,
+            estimator=estimator,
+            rate=rate,
+            only=_names(only),
+            without=_names(without),
+            csv=csv,
+            report=report,
+            progress=tell,
+        )
+    if as_json:
+        _print_json({**solution.summary, "assessment": assessment.to_dict()})
+        return
+    from leadline.report.text import assessment_text
+
+    _print_rich(assessment_text(assessment))
+    print(f"solution: {out}" + (f"   report: {out / 'report.html'}" if report else ""))
+
+
+@app.command()
+def inspect(log: LogPath, as_json: AsJson = False) -> None:
+    """Look a log over: rates, gaps, duplicates, clock jumps, held values, ranges, suspicions of unit and axis."""
+    from leadline.data.inspection import inspect as look
+    from leadline.formats.folder import read_log
+
+    found = look(read_log(log))
+    if as_json:
+        _print_json(found.to_dict())
+        return
+    from leadline.report.inspection import text
+
+    _print_rich(text(found))
+
+
+@app.command()
+def assess(
+    solution: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a solution.")],
+    truth: Annotated[Path | None, typer.Option(metavar="LOG", help="Log whose truth table is the reference.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score a solution: errors against truth, misclosure at fixes, consistency of its error bars, and the verdict."""
+    from leadline.assess.assessment import assess as judge
+    from leadline.formats.folder import read_log
+    from leadline.formats.solution import read_solution
+
+    reference = None
+    if truth is not None:
+        reference = read_log(truth).truth
+        if reference is None:
+            raise InputError(truth, "has no table of kind truth", "give a log that has one")
+    assessment = judge(read_solution(solution), reference)
+    if as_json:
+        _print_json(assessment.to_dict())
+        return
+    from leadline.report.text import assessment_text
+
+    _print_rich(assessment_text(assessment))
+
+
+@vehicle_app.command("new")
+def vehicle_new(
+    log: Annotated[Path | None, typer.Argument(metavar="[LOG]", help="Log whose tables become its sensors.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write it; else it is printed.")] = None,
+) -> None:
+    """Write a commented vehicle file to start from."""
+    from leadline.data.vehicle_template import template
+    from leadline.formats.atomic import new_file
+    from leadline.formats.folder import read_log
+
+    text = template(read_log(log) if log is not None else None)
+    if out is None:
+        print(text, end="")
+        return
+    if out.exists():
+        raise InputError(out, "is there already", "name a new file")
+    with new_file(out) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+@vehicle_app.command("check")
+def vehicle_check(
+    vehicle: Annotated[Path, typer.Argument(metavar="FILE", help="Vehicle file (TOML).")],
+    log: Annotated[Path | None, typer.Option(metavar="LOG", help="Log to hold it against.")] = None,
+) -> None:
+    """Check a vehicle file, and show what Leadline understands of it."""
+    from leadline.data.vehicle import read_vehicle
+    from leadline.formats.folder import read_log
+    from leadline.report.vehicle import text
+
+    _print_rich(text(read_vehicle(vehicle), read_log(log) if log is not None else None))
+
+
+@app.command()
+def warmup() -> None:
+    """Compile what can be compiled, once, so that the first run starts at full speed."""
+    from leadline.core.compiled import cache_root
+
+    with _progress("compiling"):
+        from leadline.estimate import solve as _  # noqa: F401  (importing compiles)
+        from leadline.models.sensors import acoustic_range, attitude, depth, dvl, heading, position, zero_velocity  # noqa: F401
+    print(f"compiled kernels: {cache_root()}")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _print_json(value: Any) -> None:
+    from leadline.formats.solution import plain
+
+    print(json.dumps(plain(value), indent=2, allow_nan=False))
+
+
+def _print_rich(renderable: Any) -> None:
+    from rich.console import Console
+
+    console = Console() if sys.stdout.isatty() else Console(width=160)
+    console.print(renderable)
+
+
+@contextlib.contextmanager
+def _progress(message: str) -> Iterator[Callable[[float], None]]:
+    """Show on standard error, where a person sits there, that work goes on; yields what to call with the fraction done."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(message, total=None)
+        yield lambda fraction: bar.update(task, description="solving", total=1.0, completed=fraction)
+
+
+if __name__ == "__main__":
+    main()

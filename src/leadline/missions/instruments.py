@@ -1,0 +1,217 @@
+"""The simulated instruments that a vehicle file describes: one file, read once by the filter and once by the simulator.
+
+What the filter takes for Gaussian with a sigma is drawn with that sigma: a bias as a turn-on value and a random walk of density
+instability / sqrt(tau), a nuisance by its prior, white noise by its density.  What the simulator cannot make is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from leadline.core.attitude import euler_from_quaternion, exponential, matrix_from_quaternion, quaternion_from_matrix
+from leadline.data.errors import InputError
+from leadline.data.vehicle import Prior
+from leadline.simulate import instruments as simulated
+from leadline.simulate.instruments import Drift
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.random import Generator
+
+    from leadline.data import records
+    from leadline.data.log import Beacon
+    from leadline.data.records import Array
+    from leadline.data.vehicle import SensorConfig, Vehicle
+
+    Beacons = Mapping[str, Beacon]
+
+NOTHING = Prior(np.zeros(1), np.zeros(1))
+
+
+def instruments_of(
+    vehicle: Vehicle, rates: Mapping[str, float] | None = None, beacons: Beacons | None = None
+) -> dict[str, simulated.Instrument[Any]]:
+    """Return by name the simulated instruments that match a vehicle, for the kinds that the simulator can make.
+
+    rates: Hz by sensor, before the `rate_hz` of the vehicle file; to change anything else, `dataclasses.replace` an instrument.
+    beacons: those that acoustic ranges are taken to, where they truly are.  Raises InputError for a sensor without a rate, and for
+    a prior that the simulator cannot draw from.
+    """
+    given = rates or {}
+    return {
+        name: MAKERS[config.kind](config, given.get(name) or float(config.value("rate")), beacons or {})
+        for name, config in vehicle.sensors.items()
+        if config.kind in MAKERS
+    }
+
+
+@dataclass(frozen=True)
+class Axes(Drift):
+    """A drift whose turn-on sigma differs by axis."""
+
+    sigma: tuple[float, ...] = ()
+
+    def draw(self, time: Array, axes: int, generator: Generator) -> Array:
+        """Return the error (times, axes)."""
+        return super().draw(time, axes, generator) + np.asarray(self.sigma) * generator.standard_normal(axes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranges(simulated.AcousticRange):
+    """Acoustic ranges with a constant scale error and bias: z = (1 + scale) distance + bias (m), as timed at `sound_speed`."""
+
+    sigma_scale: float = 0.0
+    bias: Drift = Drift()
+
+    def noisy(self, table: records.AcousticRange, generator: Generator) -> records.AcousticRange:
+        """Add scale and bias to the times of flight, then what every range suffers; the moment of reception stays the true one."""
+        travel = cast("Array", table.travel_time)
+        turnaround = 0.0 if table.turnaround is None else table.turnaround
+        ways = 1.0 if table.turnaround is None else 2.0
+        own, rest = generator.spawn(2)
+        bias = ways / self.sound_speed * self.bias.draw(table.time, 1, own)[:, 0]
+        longer = self.sigma_scale * own.standard_normal() * (travel - turnaround) + bias
+        return super().noisy(replace(table, travel_time=travel + longer), rest)
+
+
+def _placed(config: SensorConfig, rate: float) -> dict[str, Any]:
+    """When and where an instrument measures."""
+    if config.latency:
+        raise InputError(f"sensors.{config.name}.latency_s", f"{config.latency}", "0: a simulated row bears its true time")
+    return {"rate": rate, "lever_arm_b": tuple(map(float, config.lever_arm_b)), "mounting_bs": _angles(config.rotation_bs)}
+
+
+def _angles(rotation: Array) -> simulated.Vector:
+    roll, pitch, heading = (float(angle) for angle in euler_from_quaternion(quaternion_from_matrix(rotation)))
+    return roll, pitch, heading
+
+
+def _prior(config: SensorConfig, name: str) -> Prior:
+    return config.nuisance.get(name, NOTHING)
+
+
+def drift_of(prior: Prior, where: str) -> Drift:
+    """Return what a prior describes: a constant that may walk, or with a finite tau a Gauss-Markov process in its steady state."""
+    sigma = tuple(map(float, prior.sigma))
+    value = tuple(map(float, prior.value))
+    if np.isinf(prior.tau):
+        return Axes(constant=value, walk=prior.walk, sigma=sigma)
+    steady = max(sigma) if prior.steady is None else prior.steady
+    if any(value) or any(s != steady for s in sigma):
+        raise InputError(where, f"starts at {value} with sigma {sigma}", "with tau the simulator starts at 0 with the steady sigma")
+    return Drift(steady=steady, tau=prior.tau)
+
+
+def _constant(config: SensorConfig, name: str) -> tuple[Array, float]:
+    """Value and sigma of a nuisance that the simulator draws once, equally for all axes."""
+    prior = _prior(config, name)
+    where = f"sensors.{config.name}.nuisance.{name}"
+    if not np.isinf(prior.tau) or prior.walk or np.ptp(prior.sigma):
+        raise InputError(where, "wanders, or differs by axis", "a value and one sigma: the simulator draws a constant")
+    return prior.value, float(prior.sigma[0])
+
+
+def _bias(sigma: float, instability: float, tau: float) -> Drift:
+    return Drift(turn_on=sigma, walk=float(instability / np.sqrt(tau)))
+
+
+def _imu(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Imu:  # noqa: ARG001  (one contract for all makers)
+    gyro, accel = (
+        _bias(config.value(f"{name}_bias"), config.value(f"{name}_bias_instability"), config.value(f"{name}_bias_tau"))
+        for name in ("gyro", "accel")
+    )
+    return simulated.Imu(
+        **_placed(config, rate),
+        gyro_density=config.value("gyro_noise"),
+        accel_density=config.value("accel_noise"),
+        gyro_bias=gyro,
+        accel_bias=accel,
+    )
+
+
+def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Dvl:  # noqa: ARG001
+    frame, beams = config.value("frame", "sensor"), config.value("use", "velocity") == "beams"
+    if frame not in ("sensor", "body"):
+        raise InputError(f"sensors.{config.name}.frame", f"'{frame}'", "sensor or body: the simulator levels no velocities")
+    scale, sigma_scale = _constant(config, "scale")
+    twist, sigma_mounting = _constant(config, "mounting")
+    rotation = (config.rotation_bs if frame == "sensor" or beams else np.eye(3)) @ matrix_from_quaternion(exponential(twist * np.ones(3)))
+    head: dict[str, Any] = {"sigma": config.value("sigma")}
+    if beams:
+        azimuths, sigma = tuple(config.value("beam_azimuth")), config.value("beam_sigma", config.value("sigma"))
+        head = {"output": "beams", "azimuths": azimuths, "tilt": config.value("beam_tilt"), "beam_sigma": sigma}
+    placed = _placed(config, rate) | {"mounting_bs": _angles(rotation)}
+    return simulated.Dvl(**placed, **head, scale=float(scale[0]), sigma_scale=sigma_scale, sigma_mounting=sigma_mounting)
+
+
+def _depth(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Depth:  # noqa: ARG001
+    return simulated.Depth(**_placed(config, rate), sigma=config.value("sigma"), bias=_drift(config, "datum"))
+
+
+def _drift(config: SensorConfig, name: str) -> Drift:
+    return drift_of(_prior(config, name), f"sensors.{config.name}.nuisance.{name}")
+
+
+def _shifted(drift: Drift, offset: float) -> Drift:
+    """The same drift about another value of its last axis: a reference that is not true north."""
+    constant = np.atleast_1d(np.asarray(drift.constant, float)) + np.zeros(1)
+    constant[-1] += offset
+    return replace(drift, constant=tuple(map(float, constant)))
+
+
+def _heading(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Heading:  # noqa: ARG001
+    offset = _angles(config.rotation_bs)[2] - _declination(config)
+    return simulated.Heading(**_placed(config, rate), sigma=config.value("sigma"), bias=_shifted(_drift(config, "bias"), offset))
+
+
+def _declination(config: SensorConfig) -> float:
+    return float(config.value("declination")) if config.value("reference", "true") == "magnetic" else 0.0
+
+
+def _attitude(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Attitude:  # noqa: ARG001
+    tilt, heading = config.value("sigma_tilt"), config.value("sigma")
+    prior = _prior(config, "bias")
+    whole = replace(prior, value=prior.value * np.ones(3), sigma=prior.sigma * np.ones(3))
+    bias = _shifted(drift_of(whole, f"sensors.{config.name}.nuisance.bias"), -_declination(config))
+    return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias)
+
+
+def _gnss(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Gnss:  # noqa: ARG001
+    sigma = config.value("sigma")
+    return simulated.Gnss(**_placed(config, rate), sigma=(sigma, sigma, config.value("sigma_vertical", 2.0 * sigma)), max_depth=0.0)
+
+
+def _position_fix(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.PositionFix:  # noqa: ARG001
+    sigma = config.value("sigma")
+    down = config.value("sigma_depth", sigma)
+    return simulated.PositionFix(**_placed(config, rate), depth=config.value("vertical", True), sigma=sigma, sigma_depth=down)
+
+
+def _zero_velocity(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.ZeroVelocity:  # noqa: ARG001
+    return simulated.ZeroVelocity(**_placed(config, rate), sigma=config.value("sigma"))
+
+
+def _acoustic_range(config: SensorConfig, rate: float, beacons: Beacons) -> Ranges:
+    path, speed = config.value("path", "one_way"), config.value("sound_speed", 1500.0)
+    scale, sigma_scale = _constant(config, "scale")
+    if np.any(scale):
+        raise InputError(f"sensors.{config.name}.nuisance.scale", f"has the value {scale[0]}", "0: the simulator times at the true speed")
+    return Ranges(
+        **_placed(config, rate),
+        beacons=beacons,
+        path=path,
+        sound_speed=speed,
+        sigma=config.value("sigma") * (2.0 if path == "two_way" else 1.0) / speed,
+        sigma_scale=sigma_scale,
+        bias=_drift(config, "bias"),
+    )
+
+
+MAKERS: Mapping[str, Callable[[SensorConfig, float, Beacons], simulated.Instrument[Any]]] = {
+    "imu": _imu, "dvl": _dvl, "depth": _depth, "heading": _heading, "attitude": _attitude, "gnss": _gnss,
+    "position_fix": _position_fix, "zero_velocity": _zero_velocity, "acoustic_range": _acoustic_range,
+}  # fmt: skip
