@@ -28,7 +28,7 @@ from leadline.simulate.instruments import AcousticRange, Attitude, Depth, Dvl, G
 from leadline.simulate.trajectory import Place, Weave, circle
 
 A, E2, EARTH = 6378137.0, 0.00669437999014, np.array([0.0, 0.0, 7.292115e-5])
-ROUGH = Weave((0.2, 6.1), (0.15, 7.3), (0.1, 9.0), (0.3, 11.0), (0.3, 5.0), (0.2, 4.0))
+ROUGH = Weave((0.1, 6.1), (0.08, 7.3), (0.1, 9.0), (0.2, 11.0), (0.2, 5.0), (0.1, 4.0))
 BEACONS = {
     "one": Beacon(north=550.0, east=-40.0, depth=30.0, turnaround=0.1),
     "two": Beacon(north=150.0, east=600.0, depth=32.0, turnaround=0.1),
@@ -65,6 +65,8 @@ def vehicle(*names: str, nuisances: tuple[str, ...] = (), more: str = "") -> Veh
         accel_noise_ug_per_rthz = 100.0
         accel_bias_ug = 1000.0
         accel_bias_instability_ug = 50.0
+        gap_accel_mps2_per_rthz = 1.0
+        gap_rate_degps_per_rthz = 6.0
         lever_arm_m = {[*LEVER["imu"]]}
         """
     for name in names:
@@ -74,7 +76,7 @@ def vehicle(*names: str, nuisances: tuple[str, ...] = (), more: str = "") -> Veh
     return vehicle_from_toml(text + more)
 
 
-def dive(duration: float, *, seed: int = 1, latitude: float = 32.84, rate: float = 100.0, gap: tuple[float, float] = (30.0, 31.5)) -> Log:
+def dive(duration: float, *, seed: int = 1, latitude: float = 32.84, rate: float = 100.0, gap: tuple[float, float] = (30.0, 30.6)) -> Log:
     """Return a rolling and pitching circle with all sensors, and without IMU rows inside `gap`."""
     place = Place(radians(latitude), radians(179.9999), depth=15.0, surface_height=17.0)
     instruments: dict[str, Any] = {

@@ -22,9 +22,9 @@ def matrix(q0, q1, q2, q3):
 def exponential(a, b, c):
     """Quaternion of the rotation vector (a, b, c): cos(t/2), sin(t/2)/t v.  A series where it is exact in double precision."""
     h = 0.25 * (a * a + b * b + c * c)
-    if h < 4e-3:
-        cosine = 1.0 - h / 2.0 * (1.0 - h / 12.0 * (1.0 - h / 30.0 * (1.0 - h / 56.0 * (1.0 - h / 90.0))))
-        s = 0.5 - h / 12.0 * (1.0 - h / 20.0 * (1.0 - h / 42.0 * (1.0 - h / 72.0 * (1.0 - h / 110.0))))
+    if h < 4e-3:  # the next terms are below 1e-18
+        cosine = 1.0 - h * (1 / 2 - h * (1 / 24 - h * (1 / 720 - h * (1 / 40320))))
+        s = 0.5 - h * (1 / 12 - h * (1 / 240 - h * (1 / 10080 - h * (1 / 725760))))
         return cosine, s * a, s * b, s * c
     t = math.sqrt(h)
     s = 0.5 * math.sin(t) / t
@@ -96,5 +96,6 @@ def store3(x, i, a):
 def store_quaternion(x, i, q):
     """Put a quaternion at place i, brought back to unit length."""
     a, b, c, d = q
-    s = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
+    square = a * a + b * b + c * c + d * d
+    s = 1.5 - 0.5 * square if abs(square - 1.0) < 1e-8 else 1.0 / math.sqrt(square)  # one step of Newton is exact there
     x[i], x[i + 1], x[i + 2], x[i + 3] = a * s, b * s, c * s, d * s

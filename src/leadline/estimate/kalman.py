@@ -56,12 +56,14 @@ from leadline.models.layout import (
     MOTION,
     NOMINAL,
     NUISANCES_N,
+    TIME,
     X,
     retract,
 )
 from leadline.models.view import ATTITUDE_T, POSITION_T, TANGENT, VIEW_SIZE
 
-USED, GATED, INVALID, NO_CLONE = 0, 1, 2, 10  # of data/outcome.py
+USED, GATED, INVALID = 0, 1, 2  # of data/outcome.py
+SYMMETRISE = 0.1  # times a second: asymmetry grows by rounding alone, to 1e-9 of a sigma in a day if nothing is done
 
 
 @kernel(PROPAGATE)
@@ -91,6 +93,8 @@ def propagate(plan, params, state, dt, work, points):
                     P[j * WIDE + i] *= beta
             P[i * WIDE + i] += dt * params[at + 2 * k + 1]
     call_noise(plan[NOISE_AT], m, dt, p, P)
+    if math.floor(state[TIME] * SYMMETRISE) != math.floor((state[TIME] + dt) * SYMMETRISE):
+        symmetrise(P, n)
 
 
 @kernel()
@@ -181,7 +185,6 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, result
     result[NIS] = nis
     if not nis < params[plan[at + GATE]]:
         return GATED if nis == nis else INVALID
-    correct(P, Y, y, d, c, n)
-    symmetrise(P, n)
+    correct(P, Y, y, d, c, n)  # keeps symmetry to the bit
     retract(plan, state[plan[X] : plan[COV]], d, n)
     return USED

@@ -51,6 +51,7 @@ from leadline.models.layout import (
 from leadline.models.view import TANGENT, VIEW_SIZE
 
 USED, NO_CLONE = 0, 10  # of data/outcome.py
+POSE = 9  # the first directions of a view's tangent space: position, velocity, attitude
 
 
 @kernel()
@@ -69,16 +70,16 @@ def advance(plan, params, state, time, work, points):
 
 @kernel()
 def pose_jacobian(plan, params, state, view, points):
-    """Jacobian of the view's tangent space against the motion, in the first TANGENT rows of `points`."""
+    """Jacobian of position, velocity and attitude against the motion, in the first rows of `points`."""
     x, u = state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS]
     p = params[plan[MOTION_PARAMS] : plan[MOTION_END]]
     call_view(plan[VIEW_AT], x, u, p, view)
-    unit, H = points[TANGENT : 2 * TANGENT, :TANGENT], points[:TANGENT]
-    unit[:] = 0.0
-    for i in range(TANGENT):
+    unit = points[POSE : 2 * POSE]
+    unit[:, :TANGENT] = 0.0
+    for i in range(POSE):
         unit[i, i] = 1.0
-    call_pull(plan[PULL_AT], x, u, p, view, points[TANGENT : 2 * TANGENT], H, TANGENT)
-    return H
+    call_pull(plan[PULL_AT], x, u, p, view, unit, points, POSE)
+    return points
 
 
 @kernel()
@@ -133,19 +134,23 @@ def drop(plan, state, epoch):
 
 
 @kernel()
-def write_output(plan, params, state, view, points, out):
+def write_output(plan, params, state, view, work, points, out):
     """What leaves the filter at one moment: see plan.py."""
     H = pose_jacobian(plan, params, state, view, points)
     nm, P = plan[MOTION], state[plan[COV] :]
     out[OUT_VIEW : OUT_VIEW + VIEW_SIZE] = view[:VIEW_SIZE]
     k = OUT_COV
-    for i in range(9):
-        for j in range(i, 9):
+    for i in range(POSE):
+        row = work[:nm]
+        row[:] = 0.0
+        for a in range(nm):
+            if H[i, a] != 0.0:
+                for b in range(nm):
+                    row[b] += H[i, a] * P[a * WIDE + b]
+        for j in range(i, POSE):
             s = 0.0
-            for a in range(nm):
-                if H[i, a] != 0.0:
-                    for b in range(nm):
-                        s += H[i, a] * P[a * WIDE + b] * H[j, b]
+            for b in range(nm):
+                s += row[b] * H[j, b]
             out[k] = s
             k += 1
     fixed, errors = plan[NOMINAL] + plan[NUISANCES_N], plan[MOTION] + plan[NUISANCES_N]
@@ -162,7 +167,7 @@ def run(plan, params, state, time, kind, start, data, index, first, last, work, 
         if kind[e] == IS_OUTPUT:  # on a copy: asking for output changes no estimate
             scratch[:] = state
             advance(plan, params, scratch, time[e], work, points)
-            write_output(plan, params, scratch, V[0], points, out[index[e]])
+            write_output(plan, params, scratch, V[0], work, points, out[index[e]])
             continue
         advance(plan, params, state, time[e], work, points)
         if kind[e] < 0:

@@ -148,9 +148,7 @@ class Walk:
     def _pushed(self, matrix: Array, dt: float, decay: Array) -> Array:
         """Phi B for a matrix (WIDE, WIDE): the process model's part, and nuisances that decay by themselves."""
         result = np.zeros((WIDE, WIDE))
-        self.composition.process.push(
-            self.memory, dt, self.composition.process.parameters, matrix.reshape(-1), result.reshape(-1), WIDE
-        )
+        self.composition.process.push(self.memory, dt, self.composition.process.parameters, matrix.reshape(-1), result.reshape(-1), WIDE)
         result[self.m : self.n] = decay[:, None] * matrix[self.m : self.n]
         return result
 

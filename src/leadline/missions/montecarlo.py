@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from leadline.assess.consistency import (
+    FEWEST,
     GateEvidence,
+    NeesEvidence,
     Verdict,
     WhitenessEvidence,
     judge,
@@ -24,7 +26,7 @@ from leadline.assess.consistency import (
     nis_evidence,
 )
 from leadline.assess.errors import BLOCKS, errors_of
-from leadline.assess.gated import autocorrelation, effective_size
+from leadline.assess.gated import autocorrelation
 from leadline.assess.intervals import Interval, interval_of_fraction, interval_of_rmse_ratio
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
@@ -105,7 +107,7 @@ class Study:
     def in_band(self, block: str, probability: float = 0.95) -> Interval:
         """Return the fraction of times at which the mean NEES lies in its two-sided band of a probability, with its interval.
 
-        Times that are correlated count as fewer: their effective number is that of the mean NEES.
+        Times that are correlated count as fewer: as many as the NEES of one run is worth.
         """
         from scipy.stats import chi2
 
@@ -113,14 +115,26 @@ class Study:
         low, high = chi2.ppf([0.5 - probability / 2, 0.5 + probability / 2], runs * dof) / runs
         nees = self.nees(block)
         inside = float(np.mean((low <= nees) & (nees <= high)))
-        mean = np.mean([autocorrelation(run) for run in self.whitened[block]], axis=0)
-        effective = max(1, round(effective_size(mean**2, times)))
+        effective = max(1, round(min(self.evidence_of(block).effective / runs, times)))
         return replace(interval_of_fraction(round(inside * effective), effective), estimate=inside)
+
+    def evidence_of(self, block: str) -> NeesEvidence:
+        """Return the evidence of the errors of a block over all runs and times.
+
+        Runs are independent, the times of one are not: a constant error seen on legs to and fro changes its sign and not its NEES.
+        So the spread of the runs' means says what a run is worth: 2 mean^2 / (dof variance) vectors.  Fewer than 20 runs cannot say it,
+        and are taken as `nees_evidence` takes them.
+        """
+        found = nees_evidence(self.whitened[block], block)
+        means = np.mean(np.sum(self.whitened[block] ** 2, axis=2), axis=1)
+        if len(means) < FEWEST:
+            return found
+        return replace(found, effective=len(means) * 2.0 * found.mean**2 / (found.dof * float(np.var(means, ddof=1))))
 
     def evidence(self) -> Iterator[Evidence]:
         """Yield the tests of the family: NEES by block; NIS, gate and whiteness by sensor, pooled over runs."""
         for block in JUDGED:
-            yield nees_evidence(self.whitened[block], block)
+            yield self.evidence_of(block)
         for sensor, groups in self.groups.items():
             used = groups.outcome == Outcome.USED
             yield nis_evidence(sensor, innovations_of_groups(Groups(*(column[used] for column in groups))))
@@ -184,9 +198,7 @@ def monte_carlo(
     return _study(mission, seeds, recorder.truth.time, limit, done)
 
 
-def _spread(
-    work: Callable[[int], Run], recorder: Recorder, seeds: Sequence[int], processes: int, stack: ExitStack
-) -> Iterable[Run]:
+def _spread(work: Callable[[int], Run], recorder: Recorder, seeds: Sequence[int], processes: int, stack: ExitStack) -> Iterable[Run]:
     """Do the work for each seed, here or in processes of their own; results come in the order of the seeds."""
     _ = recorder.steady, recorder.truth  # evaluated once, before it is handed on
     if processes <= 1:
@@ -239,7 +251,10 @@ def _study(mission: str, seeds: tuple[int, ...], time: Array, limit: Array, runs
         np.stack([run.error for run in runs]),
         {block: np.stack([run.whitened[block] for run in runs]) for block in BLOCKS},
         limit,
-        {name: Groups(*map(np.concatenate, zip(*(run.groups[name] for run in runs if name in run.groups), strict=True))) for name in sensors},
+        {
+            name: Groups(*map(np.concatenate, zip(*(run.groups[name] for run in runs if name in run.groups), strict=True)))
+            for name in sensors
+        },
         {key: _pooled([run.correlations[key] for run in runs if key in run.correlations]) for key in components},
     )
 

@@ -79,7 +79,7 @@ def step(x, u, dt, params, m):
     f = ((u[FORCE_U] - x[BA]) * dt, (u[FORCE_U + 1] - x[BA + 1]) * dt, (u[FORCE_U + 2] - x[BA + 2]) * dt)
     af = cross(a, f)
     aaf = cross(a, af)
-    s = turn(c, (f[0] + 0.5 * af[0] + aaf[0] / 6.0, f[1] + 0.5 * af[1] + aaf[1] / 6.0, f[2] + 0.5 * af[2] + aaf[2] / 6.0))
+    s = turn(c, (f[0] + 0.5 * af[0] + aaf[0] * (1 / 6), f[1] + 0.5 * af[1] + aaf[1] * (1 / 6), f[2] + 0.5 * af[2] + aaf[2] * (1 / 6)))
     w_in = (earth[0] + transport[0], earth[1] + transport[1], earth[2])
     ws = cross(w_in, s)
     dv = (s[0] - 0.5 * dt * ws[0], s[1] - 0.5 * dt * ws[1], s[2] - 0.5 * dt * ws[2] + g * dt)
