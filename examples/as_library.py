@@ -10,13 +10,14 @@ import sys
 import numpy as np
 
 import leadline
+from leadline.assess.assessment import assess
 
 
 def main(log_folder: str, vehicle_file: str) -> None:
     """Solve a log and print where the vehicle ended, how well that is known, and whether the error bars hold."""
     log = leadline.read_log(log_folder)
-    solution = leadline.solve(log, leadline.read_vehicle(vehicle_file), rate=1.0)
-    assessment = leadline.assess(solution, log.truth)
+    solution = leadline.solve(log, leadline.read_vehicle(vehicle_file))
+    assessment = assess(solution, log.truth)
     north, east, depth = solution.position_n[-1]
     sigma_north, sigma_east, sigma_depth = solution.sigma[-1, :3]
     print(f"after {solution.time[-1]:.0f} s: north {north:.1f} m, east {east:.1f} m, depth {depth:.1f} m")

@@ -2,8 +2,8 @@
 
     python examples/live.py LOG VEHICLE [SECONDS BETWEEN LINES]
 
-The log is played back in the order of arrival.  Aboard, the loop over `arrivals` is the one over the vehicle's messages; each call
-of `Navigator.add` costs some tens of microseconds, and a row that arrives late is put in its place.
+The log is played back in the order of arrival.  Aboard, the loop over `arrivals` is the one over the vehicle's messages.  A row that
+arrives late is put in its place, and what came after it is worked through again.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ class NuisanceKeys:
 
 
 NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
-    "dvl": {"scale": NuisanceKeys("percent"), "mounting": NuisanceKeys("deg", 3)},
+    "dvl": {"scale": NuisanceKeys("percent"), "mounting": NuisanceKeys("deg", 3), "bias": NuisanceKeys("mps", 3)},
     "depth": {"datum": NuisanceKeys("m")},
     "heading": {"bias": NuisanceKeys("deg")},
     "attitude": {"bias": NuisanceKeys("deg", 3)},

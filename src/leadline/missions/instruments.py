@@ -6,7 +6,7 @@ instability / sqrt(tau), a nuisance by its prior, white noise by its density.  W
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -65,7 +65,7 @@ class Ranges(simulated.AcousticRange):
     """Acoustic ranges with a constant scale error and bias: z = (1 + scale) distance + bias (m), as timed at `sound_speed`."""
 
     sigma_scale: float = 0.0
-    bias: Drift = Drift()
+    bias: Drift = field(default_factory=Drift)
 
     def noisy(self, table: records.AcousticRange, generator: Generator) -> records.AcousticRange:
         """Add scale and bias to the times of flight, then what every range suffers; the moment of reception stays the true one."""

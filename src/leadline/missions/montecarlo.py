@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from typing import Any
 
+    import numpy.typing as npt
+
     from leadline.assess.consistency import Evidence
     from leadline.data.records import Array
     from leadline.data.vehicle import Vehicle
@@ -55,9 +57,9 @@ class Groups(NamedTuple):
     """Measurements of one sensor that were looked at, in order of time, one entry per group."""
 
     nis: Array
-    dof: Array
+    dof: npt.NDArray[np.int64]
     gate_probability: Array
-    outcome: Array
+    outcome: npt.NDArray[np.int64]
 
 
 class Run(NamedTuple):
@@ -154,8 +156,7 @@ def innovations_of_groups(groups: Groups) -> Innovations:
     none, zero, empty = np.full(count, np.nan), np.zeros(count, np.int64), np.full(count, "", "U1")
     return Innovations(
         sensor=empty, row=zero, group=np.arange(count), time=none, applied=none, component=empty, residual=none, sigma=none,
-        nis=groups.nis, dof=groups.dof.astype(np.int64), gate_probability=groups.gate_probability, widened=np.zeros(count, bool),
-        outcome=groups.outcome.astype(np.int64),
+        nis=groups.nis, dof=groups.dof, gate_probability=groups.gate_probability, widened=np.zeros(count, bool), outcome=groups.outcome,
     )  # fmt: skip
 
 

@@ -1,12 +1,12 @@
 """Doppler log over the bottom, as a vector or beam by beam.
 
     y = R_bs^T (R_nb^T v + w x l)          velocity of the transducer over ground, in its own axes
-    z = (1 + s) (y - e x y)                vector: scale s, small mounting error e (rad, sensor axes)
-    z = (1 + s) d . (y - e x y)            beam with outward direction d: positive when the sensor moves along it
+    z = (1 + s) (y - e x y) + b            vector: scale s, small mounting error e (rad), bias b (m/s), sensor axes
+    z = (1 + s) d . (y - e x y) + d . b    beam with outward direction d: positive when the sensor moves along it
 
 Vector row: velocity 3, covariance xx yy zz xy xz yz.  Beam row: velocity, variance, direction 3.  Parameters: rotation_bs 9,
 lever_arm_b 3, and for levelled velocities whether their first axis is north (1) or the heading (0).
-Nuisances: scale, mounting 3.  The mounting error is to first order: 1e-4 of the speed at one degree.
+Nuisances: scale, mounting 3, bias 3 (levelled velocities: scale alone).  The mounting error is to first order: 1e-4 of the speed at one degree.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def predict_vector(views, nuisance, row, params, z, R, Hv, Hn):
     ey = cross(e, y)
     for i in range(3):
         d = y[i] - ey[i]
-        z[i] = scale * d
+        z[i] = scale * d + nuisance[4 + i]
+        Hn[i, 4 + i] = 1.0
         Hn[i, 0] = d
         unit = (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0)
         de = cross(unit, y)  # unit . -(e x y) = e . (unit x y)
@@ -111,10 +112,11 @@ def predict_beam(views, nuisance, row, params, z, R, Hv, Hn):
     d = load3(row, 2)
     de = cross(d, y)
     along = d[0] * y[0] + d[1] * y[1] + d[2] * y[2] + e[0] * de[0] + e[1] * de[1] + e[2] * de[2]
-    z[0] = scale * along
+    z[0] = scale * along + d[0] * nuisance[4] + d[1] * nuisance[5] + d[2] * nuisance[6]
     Hn[0, 0] = along
     for j in range(3):
         Hn[0, 1 + j] = scale * de[j]
+        Hn[0, 4 + j] = d[j]
     ue = cross(d, e)
     g = (scale * (d[0] - ue[0]), scale * (d[1] - ue[1]), scale * (d[2] - ue[2]))
     write_row(Hv, 0, views, params, turn(mounting_of(params), g))
@@ -198,12 +200,12 @@ def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...
 def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose a Doppler log."""
     lever, scale = context.lever(config), nuisances(config, "scale", 1, "1")
-    mounting = nuisances(config, "mounting", 3, "rad", "sensor")
+    axes_nuisances = nuisances(config, "mounting", 3, "rad", "sensor") + nuisances(config, "bias", 3, "m/s", "sensor")
     needs = frozenset({VELOCITY, RATE})
 
     def channel(components: tuple[str, ...], predict: Callable[..., Any], rotation: Array, north: float, length: int) -> Channel:
         parameters = np.array([*rotation.ravel(), *lever, north])
-        return Channel(components, predict, parameters, length, scale + mounting, requires=needs, bounds_drift=True)
+        return Channel(components, predict, parameters, length, scale + axes_nuisances, requires=needs, bounds_drift=True)
 
     axes = ("velocity_x", "velocity_y", "velocity_z")
     beams = range(len(config.values.get("beam_azimuth") or ()))

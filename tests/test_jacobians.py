@@ -1,0 +1,299 @@
+"""Jacobians against central differences: every sensor channel, and the process model, at random places and attitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import radians
+
+import numpy as np
+import pytest
+from twin import vehicle
+
+from leadline.core import attitude, geodesy
+from leadline.core.compiled import COMPONENTS, NUISANCES, WIDE
+from leadline.core.earth import offset
+from leadline.data.log import Origin
+from leadline.models.inertial import inertial
+from leadline.models.layout import Layout, difference, retract
+from leadline.models.nuisance import Nuisance
+from leadline.models.sensor import Channel, Context, compose
+from leadline.models.view import TANGENT, VIEW_SIZE, retract_view, view_of
+
+ABOARD = """
+    [sensors.imu]
+    rate_hz = 100.0
+    gyro_noise_deg_per_rth = 0.1
+    gyro_bias_deg_per_h = 10.0
+    accel_noise_ug_per_rthz = 100.0
+    accel_bias_ug = 1000.0
+    [sensors.dvl]
+    sigma_mps = 0.01
+    lever_arm_m = [-0.5, 0.1, 0.2]
+    mounting_deg = [170.0, 3.0, 45.0]
+    beam_azimuth_deg = [45.0, 135.0, 225.0, 315.0]
+    beam_tilt_deg = 30.0
+    [sensors.depth]
+    lever_arm_m = [0.6, 0.1, -0.1]
+    sigma_m = 0.02
+    [sensors.heading]
+    sigma_deg = 0.5
+    [sensors.attitude]
+    sigma_deg = 1.0
+    sigma_tilt_deg = 0.5
+    [sensors.gnss]
+    lever_arm_m = [0.3, 0.2, -0.9]
+    sigma_m = 1.5
+    [sensors.usbl]
+    kind = "position_fix"
+    lever_arm_m = [0.1, 0.0, -0.3]
+    sigma_m = 1.5
+    [sensors.zero_velocity]
+    sigma_mps = 0.01
+    [sensors.ranges]
+    kind = "acoustic_range"
+    lever_arm_m = [0.8, 0.1, -0.2]
+    sigma_m = 0.3
+"""
+CHANNELS = [
+    *(f"dvl {i} {label}" for i, label in enumerate(("sensor", "body", "level", "ned", "beam1", "beam2", "beam3", "beam4"))),
+    "depth 0", "heading 0", "attitude 0", "gnss 0 horizontal", "gnss 1 vertical", "usbl 0 horizontal", "usbl 1 depth", "zero_velocity 0",
+    "ranges 0 one way", "ranges 1 two ways",
+]  # fmt: skip
+# Per tangent direction, small enough for the third derivative and large enough for the rounding of an Earth-fixed position (1e-9 m).
+STEPS = np.repeat([0.03, 1e-3, 1e-4, 1e-3, 1e-3, 1e-3], 3)
+
+
+@cache
+def channels() -> dict[str, tuple[Channel, ...]]:
+    from leadline.data.vehicle import vehicle_from_toml
+
+    context = Context(np.array([0.2, -0.1, 0.05]), 17.0, Origin(0.5, 0.6))
+    sensors = vehicle_from_toml('name = "all"\n' + ABOARD).sensors
+    return {name: sensor.channels for name, config in sensors.items() if (sensor := compose(config, context)) is not None}
+
+
+def random_view(generator: np.random.Generator, near: np.ndarray | None = None) -> np.ndarray:
+    """A view anywhere up to 89.95 degrees (or within 100 m of another), pitched up to 80 degrees, with wandering azimuth."""
+    if near is None:
+        latitude = generator.choice([generator.uniform(-1.4, 1.4), radians(89.95), radians(-89.9)])
+        quaternion = attitude.quaternion_from_euler(*(generator.uniform(-1, 1, 3) * (np.pi, radians(80.0), np.pi)))
+        view = view_of(latitude, generator.uniform(-np.pi, np.pi), -100.0, quaternion, generator.normal(0.0, 1.5, 3), generator.normal(0.0, 0.3, 3))
+        view[0:4] = attitude.product(view[0:4], attitude.quaternion_from_euler(0.0, 0.0, generator.uniform(-np.pi, np.pi)))
+        view[15:21] = generator.normal(0.0, 3.0, 6)
+        return view
+    view, d = near.copy(), np.zeros(TANGENT)
+    d[:9] = generator.normal(0.0, 1.0, 9) * np.repeat([30.0, 1.0, 0.3], 3)
+    retract_view(view, d)
+    return view
+
+
+def position_e(view: np.ndarray) -> np.ndarray:
+    up = -attitude.matrix_from_quaternion(view[0:4])[:, 2]
+    return geodesy.ecef_from_geodetic(np.arcsin(up[2]), np.arctan2(up[1], up[0]), view[4])
+
+
+def latitude_of(view: np.ndarray) -> float:
+    return float(np.arcsin(-attitude.matrix_from_quaternion(view[0:4])[2, 2]))
+
+
+def random_row(name: str, channel: Channel, view: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """A row as the sensor's `read` would make it: what the Jacobian depends on lies within what a gate lets through."""
+    row = generator.normal(0.0, 1.0, channel.row_length + 1)
+    if name == "attitude":
+        north = attitude.quaternion_from_euler(0.0, 0.0, _wander(view))
+        error = attitude.exponential(generator.normal(0.0, 0.05, 3))
+        row[3:7] = attitude.product(error, attitude.product(north, view[8:12]))
+        heading = attitude.euler_from_quaternion(row[3:7])[2]
+        row[7:9] = np.cos(heading), np.sin(heading)
+    elif len(channel.components) == 2:
+        row[2:5] = position_e(view) + generator.normal(0.0, 5.0, 3)
+    elif name == "ranges":
+        away = generator.normal(0.0, 1.0, 3)
+        row[2:5] = position_e(view) + generator.uniform(200.0, 3000.0) * away / np.linalg.norm(away)
+    elif "beam" in channel.components[0]:
+        row[2:5] /= np.linalg.norm(row[2:5])
+    return row
+
+
+def _wander(view: np.ndarray) -> float:
+    axis = attitude.matrix_from_quaternion(view[0:4])[2]
+    return float(np.arctan2(-axis[1], axis[0]))
+
+
+def predicted(channel: Channel, views: np.ndarray, nuisance: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, Hv and Hn as the kernel gives them."""
+    z, R = np.zeros(COMPONENTS), np.zeros((COMPONENTS, COMPONENTS))
+    Hv, Hn = np.zeros((COMPONENTS, 2 * TANGENT)), np.zeros((COMPONENTS, NUISANCES))
+    assert channel.predict(views, nuisance, row, channel.parameters, z, R, Hv, Hn) == 0
+    c = len(channel.components)
+    return z[:c], Hv[:c, : TANGENT * channel.epochs], Hn[:c, : len(channel.nuisances)]
+
+
+def central(value: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+    """Central difference; components that are angles may wrap."""
+    change = value(step) - value(-step)
+    return np.where(np.abs(change) > np.pi, np.mod(change + np.pi, 2 * np.pi) - np.pi, change) / (2 * step)
+
+
+def moved(views: np.ndarray, j: int, h: float) -> np.ndarray:
+    views, d, at = views.copy(), np.zeros(TANGENT), VIEW_SIZE * (j // TANGENT)
+    d[j % TANGENT] = h
+    retract_view(views[at : at + VIEW_SIZE], d)
+    return views
+
+
+@pytest.mark.parametrize("which", CHANNELS)
+def test_sensor(which: str) -> None:
+    """Hv and Hn of every channel are the derivatives of its value: to 2e-6 of the row's largest, at 30 random views and nuisances.
+
+    Left out everywhere is how north turns against the navigation frame as that moves: tan(latitude) / R per metre, times the value.
+    """
+    name, index = which.split()[:2]
+    channel, generator = channels()[name][int(index)], np.random.default_rng(7)
+    for _ in range(30):
+        first = random_view(generator)
+        views = np.concatenate([first, random_view(generator, near=first)])
+        nuisance, row = generator.normal(0.0, 0.05, NUISANCES), random_row(name, channel, first, generator)
+        z, Hv, Hn = predicted(channel, views, nuisance, row)
+        by_view = [
+            central(lambda h, j=j: predicted(channel, moved(views, j, h), nuisance, row)[0], STEPS[j % TANGENT]) for j in range(Hv.shape[1])
+        ]
+        unit = np.eye(NUISANCES)
+        by_nuisance = [
+            central(lambda h, j=j: predicted(channel, views, nuisance + h * unit[j], row)[0], 1e-3) for j in range(Hn.shape[1])
+        ]
+        bar = np.repeat(2e-6 * (1.0 + np.abs(Hv).max(axis=1, keepdims=True)), Hv.shape[1], axis=1)
+        bar[:, 0:2] += abs(np.tan(latitude_of(first))) / 6.3e6 * (1.0 + np.abs(z).max())
+        np.testing.assert_array_less(np.abs(Hv - np.stack(by_view, axis=1)) / bar, 1.0)
+        if by_nuisance:
+            np.testing.assert_array_less(np.abs(Hn - np.stack(by_nuisance, axis=1)), 1e-8 * (1.0 + np.abs(Hn).max()))
+
+
+# --- process model -----------------------------------------------------------------------------------------------------------------
+
+PROCESS_STEPS = np.repeat([1.0, 1e-3, 1e-4, 1e-4, 1e-3], 3)  # place 1 m: its rounding is 1e-9 m, the curvature of the Earth 1e-7 of it
+
+
+@cache
+def process_and_plan() -> tuple:
+    process = inertial(vehicle()["imu"], 17.0)
+    return process, Layout(process.parts, (), 0, 1).head()
+
+
+def random_motion(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A nominal state and an input."""
+    view = random_view(generator)
+    x = np.concatenate([view[0:12], generator.normal(0.0, 1e-4, 3), generator.normal(0.0, 1e-2, 3)])
+    force = attitude.matrix_from_quaternion(view[8:12]).T @ np.array([0.0, 0.0, -9.8]) + generator.normal(0.0, 1.0, 3)
+    return x, np.array([*generator.normal(0.0, 0.3, 3), *force, 1.0, 0.0])
+
+
+def shifted(x: np.ndarray, j: int, h: float) -> np.ndarray:
+    x, d = x.copy(), np.zeros(15)
+    d[j] = h
+    retract(process_and_plan()[1], x, d, 15)
+    return x
+
+
+def differenced(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    d = np.zeros(15)
+    difference(process_and_plan()[1], x, y, d)
+    return d
+
+
+def view_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    turned = attitude.logarithm(attitude.product(a[8:12], attitude.conjugate(b[8:12])))
+    return np.concatenate([offset(a, 0, b, 0), a[5:8] - b[5:8], turned, a[12:21] - b[12:21]])
+
+
+def test_pull() -> None:
+    """`pull` of the identity is the derivative of the view; of the rate, what turns the Earth's and transport rate is left out (1/R)."""
+    process, _ = process_and_plan()
+    generator = np.random.default_rng(11)
+    for _ in range(30):
+        x, u = random_motion(generator)
+        view, H = np.zeros(VIEW_SIZE), np.zeros((TANGENT, WIDE))
+        process.view(x, u, process.parameters, view)
+        process.pull(x, u, process.parameters, view, np.eye(TANGENT), H, TANGENT)
+
+        def seen(x: np.ndarray, u: np.ndarray = u, origin: np.ndarray = view) -> np.ndarray:
+            out = np.zeros(VIEW_SIZE)
+            process.view(x, u, process.parameters, out)
+            return view_difference(out, origin)
+
+        numeric = np.stack([central(lambda h, j=j, x=x: seen(shifted(x, j, h)), PROCESS_STEPS[j]) for j in range(15)], axis=1)
+        error = np.abs(H[:, :15] - numeric)
+        assert error[9:12, 3:6].max() < 2e-7  # transport rate by velocity: 1/R
+        error[9:12, 3:6] = 0.0
+        assert error.max() < 1e-8
+
+
+def transition_error(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+    """Transition by `push` of the identity, less that by differences of `step`."""
+    process, _ = process_and_plan()
+    end, memory = x.copy(), np.zeros(64)
+    process.step(end, u, dt, process.parameters, memory)
+    unit, analytic = np.eye(WIDE).ravel(), np.zeros(WIDE * WIDE)
+    process.push(memory, dt, process.parameters, unit, analytic, 16)
+
+    def after(x: np.ndarray) -> np.ndarray:
+        x = x.copy()
+        process.step(x, u, dt, process.parameters, np.zeros(64))
+        return differenced(x, end)
+
+    numeric = np.stack([central(lambda h, j=j: after(shifted(x, j, h)), PROCESS_STEPS[j]) for j in range(15)], axis=1)
+    return analytic.reshape(WIDE, WIDE)[:15, :15] - numeric
+
+
+@pytest.mark.parametrize("present", [1.0, 0.0], ids=["with input", "gap"])
+def test_push(present: float) -> None:
+    """The transition is right to first order: its error falls with dt^2, and error / dt extrapolates to what is left out.
+
+    Left out: v / R, where it couples positions, or velocities, with each other; the attraction of the water in the gradient of
+    gravity; and in a gap, that the held velocity and attitude do not feel the turning of the frame.
+    """
+    generator = np.random.default_rng(13)
+    limit = np.full((15, 15), 1e-8)
+    limit[:3, :3] = limit[3:6, 3:6] = 2e-6
+    limit[5, 2] = 9e-7 if present else 4e-6
+    limit[:3, 3:], limit[3:9, 6:] = 4e-3, 2e-3  # what is left of higher orders, (rate dt)^2, and the rounding of places
+    if not present:
+        limit[3:6, 3:6] = 2e-4
+    else:
+        limit[6:9, 3:6] = 1e-9
+    for _ in range(20):
+        x, u = random_motion(generator)
+        u[6] = present
+        coarse, fine = transition_error(x, u, 0.02), transition_error(x, u, 0.01)
+        if present:
+            assert 3.4 < np.abs(coarse[3:6]).max() / np.abs(fine[3:6]).max() < 4.6
+        np.testing.assert_array_less(np.abs(2.0 * fine / 0.01 - coarse / 0.02), limit + (0 if present else 2e-7))
+
+
+def test_noise_adds_densities() -> None:
+    """P grows by density times dt on the diagonal, and by the larger densities of a gap without input."""
+    process, _ = process_and_plan()
+    x, u = random_motion(np.random.default_rng(1))
+    for present, (accel, gyro) in {1.0: process.parameters[1:3], 0.0: process.parameters[7:9]}.items():
+        memory, P = np.zeros(64), np.zeros(WIDE * WIDE)
+        u[6] = present
+        process.step(x.copy(), u, 0.01, process.parameters, memory)
+        process.noise(memory, 0.01, process.parameters, P)
+        full = P.reshape(WIDE, WIDE)
+        np.testing.assert_allclose(np.diag(full)[3:9], np.repeat([accel, gyro], 3) * 0.01, rtol=1e-14)
+        assert np.count_nonzero(full - np.diag(np.diag(full))) == 0
+
+
+def test_retract_and_difference_are_inverse() -> None:
+    """(x [+] d) [-] x = d, for motion and nuisances, to the rounding of a place."""
+    process, _ = process_and_plan()
+    layout = Layout(process.parts, (Nuisance("a", sigma=1.0), Nuisance("b", sigma=1.0)), 0, 1)
+    generator, plan = np.random.default_rng(17), layout.head()
+    for _ in range(100):
+        x = np.concatenate([random_motion(generator)[0], generator.normal(size=2)])
+        d, found, y = generator.normal(size=17) * np.repeat([100.0, 1.0, 0.5, 1e-4, 1e-2, 1.0], [3, 3, 3, 3, 3, 2]), np.zeros(17), x.copy()
+        retract(plan, y, d, 17)
+        difference(plan, y, x, found)
+        np.testing.assert_allclose(found[:3], d[:3], atol=5e-9)
+        np.testing.assert_allclose(found[3:], d[3:], atol=1e-14)
