@@ -7,7 +7,7 @@ pitch from the first attitude, else by levelling; depth from the first depth; ve
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from leadline.core import attitude
 from leadline.data.errors import InputError
 from leadline.data.log import Origin
 from leadline.data.records import Attitude, Depth, Gnss, Heading, Imu, PositionFix
+from leadline.models.sensor import usable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,16 +71,15 @@ def start_of(log: Log, vehicle: Vehicle, context: Context) -> Start:
     )
 
 
-def _first(tables: Mapping[str, Table], kind: type[Table], time: float) -> tuple[str, Table] | None:
-    """The first valid row at or after the start of the first table of a kind, as a table of one row, with the sensor's name."""
+def _first(tables: Mapping[str, Table], kind: type[Table], value: str, time: float) -> tuple[str, Any] | None:
+    """The first valid row with a value at or after the start, of the first table of a kind: name and a table of one row."""
     for name, table in tables.items():
-        if type(table) is kind:
-            good = (table.time >= time) & (np.nan_to_num(table.valid) != 0 if table.valid is not None else True)
-            value = next(getattr(table, c.name) for c in table.columns() if c.metadata["required"] and c.name != "time") if kind in (
-                Depth, Heading, Gnss) else table.time  # fmt: skip
-            index = np.flatnonzero(good & np.isfinite(value))
-            if len(index):
-                return name, table.select(index[np.argmin(table.time[index])][None])
+        column = getattr(table, value, None)
+        if type(table) is not kind or column is None:
+            continue
+        index = np.flatnonzero(usable(table) & (table.time >= time) & np.isfinite(column))
+        if len(index):
+            return name, table.select(index[np.argmin(table.time[index])][None])
     return None
 
 
@@ -100,40 +100,38 @@ def _position(
     if initial.north is not None and initial.east is not None:
         latitude, longitude = context.geographic(np.array(initial.north), np.array(initial.east), where)
         return float(latitude), float(longitude), given if given is not None else SIGMA_POSITION
-    for kind in (Gnss, PositionFix):
-        if found := _first(tables, kind, time):
+    for kind, value in ((Gnss, "latitude"), (PositionFix, "latitude"), (PositionFix, "north")):
+        if found := _first(tables, kind, value, time):
             name, row = found
-            sigma = max(2.0 * vehicle[name].value("sigma"), 1.0)
-            if row.latitude is not None:  # type: ignore[attr-defined]
-                return float(row.latitude[0]), float(row.longitude[0]), sigma  # type: ignore[attr-defined]
-            latitude, longitude = context.geographic(row.north, row.east, where)  # type: ignore[attr-defined]
-            return float(latitude[0]), float(longitude[0]), sigma
+            place = (row.latitude, row.longitude) if value == "latitude" else context.geographic(row.north, row.east, where)
+            moved = SIGMA_VELOCITY * float(row.time[0] - time)
+            return float(place[0][0]), float(place[1][0]), max(2.0 * vehicle[name].value("sigma"), 1.0) + moved
     raise InputError(f"{where}: [initial]", "says no position, and there is no gnss or position_fix", "add latitude_deg and longitude_deg")
 
 
 def _attitude(
     initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle, where: str, time: float
 ) -> tuple[float, float, float, float]:
-    ahrs = _first(tables, Attitude, time)
+    ahrs = _first(tables, Attitude, "heading", time)
     roll, pitch = _tilt(initial, ahrs[1] if ahrs else None, tables, vehicle, time)
     if initial.heading is not None:
         return roll, pitch, initial.heading, initial.sigma_heading if initial.sigma_heading is not None else SIGMA_HEADING
-    if found := ahrs or _first(tables, Heading, time):
+    if found := ahrs or _first(tables, Heading, "heading", time):
         from leadline.models.sensors.heading import declination
 
         name, row = found
-        heading = float(row.heading[0]) + declination(vehicle[name])  # type: ignore[attr-defined]
+        heading = float(row.heading[0]) + declination(vehicle[name])
         sigma = initial.sigma_heading if initial.sigma_heading is not None else 2.0 * vehicle[name].value("sigma")
         return roll, pitch, heading, max(sigma, SIGMA_HEADING)
     raise InputError(f"{where}: [initial]", "says no heading, and there is no heading or attitude sensor", "add heading_deg")
 
 
-def _tilt(initial: Initial, ahrs: Table | None, tables: Mapping[str, Table], vehicle: Vehicle, time: float) -> tuple[float, float]:
+def _tilt(initial: Initial, ahrs: Any, tables: Mapping[str, Table], vehicle: Vehicle, time: float) -> tuple[float, float]:
     """Roll and pitch: as given, from an AHRS, else from the direction of the mean specific force over the first second."""
     if initial.roll is not None and initial.pitch is not None:
         return initial.roll, initial.pitch
-    if ahrs is not None and ahrs.roll is not None:  # type: ignore[attr-defined]
-        return float(ahrs.roll[0]), float(ahrs.pitch[0])  # type: ignore[attr-defined]
+    if ahrs is not None and ahrs.roll is not None and ahrs.pitch is not None:
+        return float(ahrs.roll[0]), float(ahrs.pitch[0])
     imu = tables.get(vehicle.process.imu)
     if not isinstance(imu, Imu) or imu.accel is None:
         return 0.0, 0.0
@@ -145,9 +143,9 @@ def _depth(initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle, time
     if initial.depth is not None:
         sigma = initial.sigma_depth if initial.sigma_depth is not None else initial.sigma_position
         return initial.depth, sigma if sigma is not None else SIGMA_DEPTH
-    if found := _first(tables, Depth, time):
+    if found := _first(tables, Depth, "depth", time):
         name, row = found
-        return float(row.depth[0]), max(2.0 * vehicle[name].value("sigma"), 0.1)  # type: ignore[attr-defined]
+        return float(row.depth[0]), max(2.0 * vehicle[name].value("sigma"), 0.1)
     return 0.0, SIGMA_DEPTH
 
 

@@ -5,8 +5,8 @@
     z = (1 + s) d . (y - e x y) + d . b    beam with outward direction d: positive when the sensor moves along it
 
 Vector row: velocity 3, covariance xx yy zz xy xz yz.  Beam row: velocity, variance, direction 3.  Parameters: rotation_bs 9,
-lever_arm_b 3, and for levelled velocities whether their first axis is north (1) or the heading (0).
-Nuisances: scale, mounting 3, bias 3 (levelled velocities: scale alone).  The mounting error is to first order: 1e-4 of the speed at one degree.
+lever_arm_b 3, and for levelled velocities whether their first axis is north (1) or the heading (0).  Nuisances: scale,
+mounting 3, bias 3 (levelled velocities: scale alone).  The mounting error is to first order: 1e-4 of the speed at one degree.
 """
 
 from __future__ import annotations
