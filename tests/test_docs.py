@@ -86,7 +86,9 @@ def rows_of(page: str, heading: str) -> dict[str, list[str]]:
     text = (DOCS / page).read_text("utf-8")
     assert f"\n{heading}\n" in text, f"{page} has no '{heading}'"
     below = re.split(r"\n#", text.partition(f"\n{heading}\n")[2])[0]
-    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in below.splitlines() if line.startswith("|")]
+    table = re.search(r"(^\|.*\n)+", below, re.MULTILINE)
+    assert table is not None, f"no table below '{heading}'"
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table[0].splitlines()]
     return {row[0].strip("`"): row for row in cells[2:]}
 
 

@@ -36,8 +36,7 @@ def run(place: Path, name: str) -> str:
     return found.stdout
 
 
-def test_every_example_is_run_here() -> None:
-    assert set(RUN) == {file.name for file in EXAMPLES.glob("*.py")}
+def test_every_vehicle_file_is_right() -> None:
     for vehicle in EXAMPLES.glob("*.toml"):
         assert leadline.read_vehicle(vehicle).sensors
 

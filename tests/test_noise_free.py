@@ -2,7 +2,8 @@
 
 A figure of eight at 2 m/s with gentle waves, started exactly, at 60 degrees of latitude, near the pole and across the date line.
 The filter is told of small but not of zero noise: sigma 1e-4 m/s of the Doppler log, 1 mm of depth, and a gyro and an accelerometer
-far better than any (1e-4 deg/sqrt(h), 1 ug/sqrt(Hz)), so that no measurement is ignored and none is trusted blindly.
+far better than any (1e-4 deg/sqrt(h), 1 ug/sqrt(Hz)), so that no measurement is ignored and none is trusted blindly.  The IMU is the
+body's origin: from another point its speed at the start would be known only as well as the first angular rate.
 """
 
 from dataclasses import replace
@@ -34,7 +35,6 @@ gyro_noise_deg_per_rth = 1e-4
 gyro_bias_deg_per_h = 1e-4
 accel_noise_ug_per_rthz = 1.0
 accel_bias_ug = 1.0
-lever_arm_m = [0.3, 0.0, -0.05]
 """
 AIDS = """
 [sensors.dvl]
@@ -88,14 +88,16 @@ def test_aided_by_exact_velocity_and_depth_at_most_a_millimetre_in_an_hour(place
 
 
 def test_a_ping_at_the_end_of_an_interval_sees_the_rate_half_an_interval_late():
-    """The lever arm (1 m from the IMU) turns the lag of 5 ms into residuals of 0.1 mm/s, and these into 2 mm in an hour at most."""
+    """The lever arm (0.7 m) turns the lag of 5 ms into residuals of 0.1 mm/s, and these into 2 mm in an hour at most."""
     assert horizontal(errors(recorded("60 degrees", dvl_offset=0.2), vehicle(aids=AIDS))) < 2e-3
 
 
 def test_a_measurement_at_the_very_start_sees_the_rate():
     log = recorded("60 degrees", dvl_offset=0.0)
     looked = solve(log, vehicle(aids=AIDS), times=np.array([0.0]), end=10.0).innovations
-    assert np.abs(looked.residual[looked.sensor == "dvl"]).max() < 3e-4
+    first = (looked.sensor == "dvl") & (looked.time == 0.0)
+    assert first.sum() == 3
+    assert np.abs(looked.residual[first]).max() < 3e-4
 
 
 @pytest.mark.parametrize("sample", ["mean", "increment"])
@@ -139,7 +141,7 @@ def test_a_measurement_inside_an_interval_changes_nothing():
     times = np.arange(0.0, 600.0, 10.0)
     whole, split = (solve(each, used, times=times) for each, used in ((log, vehicle()), (blind, weightless)))
     assert np.abs(whole.quaternion_nb - split.quaternion_nb).max() < 1e-12
-    assert np.abs(whole.velocity_n - split.velocity_n).max() < 1e-9
+    assert np.abs(whole.velocity_n - split.velocity_n).max() < 5e-9
     assert np.abs(whole.position_n - split.position_n).max() < 1e-7
 
 

@@ -29,7 +29,7 @@ SPEED, RANGE, SOUND = 2.0, 3000.0, 1500.0
 FLIGHT = 2 * RANGE / SOUND
 PLACE = Place(radians(50.0), radians(-5.0), depth=20.0)
 BEACONS = {"behind": Beacon(north=-RANGE, east=0.0, depth=30.0, turnaround=0.05)}
-RUNS = 40
+RUNS = 200
 
 VEHICLE = """
 name = "ranging"

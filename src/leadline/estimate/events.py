@@ -207,7 +207,9 @@ def _row_bytes(table: Table, *, with_time: bool) -> npt.NDArray[np.void]:
     return joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
 
 
-def measurements(sensor: Sensor, first_slot: int, table: Table, screen: Screen, start: float) -> tuple[list[Batch], Integers]:
+def measurements(
+    sensor: Sensor, first_slot: int, table: Table, screen: Screen, start: float, end: float = np.inf
+) -> tuple[list[Batch], Integers]:
     """Return a sensor's events, and for each table row the outcome of those that give none.
 
     A row of a channel with two epochs brings the clone of its earlier epoch, and the moment at which that is forgotten; the
@@ -219,7 +221,7 @@ def measurements(sensor: Sensor, first_slot: int, table: Table, screen: Screen, 
     outcome = np.where(outcome == Outcome.USED, read.outcome, outcome)
     time = table.time - latency
     outcome[(outcome == Outcome.USED) & ~np.isfinite(time)] = Outcome.INVALID
-    outcome[(outcome == Outcome.USED) & (time < start)] = Outcome.OUTSIDE_RUN
+    outcome[(outcome == Outcome.USED) & ((time < start) | (time > end))] = Outcome.OUTSIDE_RUN
     batches: list[Batch] = []
     for rows in read.rows:
         keep = outcome[rows.row] == Outcome.USED

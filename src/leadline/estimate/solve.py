@@ -174,7 +174,7 @@ def stream_of(
     if last <= start:
         where = f"{log.path or log.name}: [initial] time_s"
         raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
-    inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start, side="right") - 1)
+    inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start) - 1)
     batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
     batches += _measured(log, navigator, start, last, outcome)
     moments = _output_times(start, last, rate) if times is None else np.asarray(times, float)
@@ -189,23 +189,10 @@ def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome
     batches = []
     for sensor in navigator.composition.sensors:
         name = sensor.config.name
-        if name not in log.tables:
-            log[name]  # a sensor asked for that the log lacks: say so
-        found, verdicts = measurements(sensor, navigator.composition.first_slot[name], log[name], _screen(navigator, name), start)
-        verdicts[(verdicts == Outcome.USED) & (log[name].time - sensor.config.latency > last)] = Outcome.OUTSIDE_RUN
-        batches += [_until(batch, last) for batch in found]
-        outcome[name] = verdicts
+        first = navigator.composition.first_slot[name]
+        found, outcome[name] = measurements(sensor, first, log[name], Screen(sensor.config.repeats, sensor.config.latency), start, last)
+        batches += found
     return batches
-
-
-def _screen(navigator: Navigator, name: str) -> Screen:
-    config = next(s.config for s in navigator.composition.sensors if s.config.name == name)
-    return Screen(config.repeats, config.latency)
-
-
-def _until(batch: Batch, last: float) -> Batch:
-    keep = batch.time <= last
-    return replace(batch, time=batch.time[keep], data=batch.data[keep], row=batch.row[keep] if len(batch.row) else batch.row)
 
 
 def _output_times(start: float, last: float, rate: float) -> Array:

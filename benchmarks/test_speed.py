@@ -1,0 +1,64 @@
+"""The loop's time per inertial step at 15, 24 and 30 states, all aiding and outcomes on, beside the dense NumPy twin on the same stream.
+
+    pytest benchmarks/test_speed.py --benchmark-columns=min,median,rounds -s
+
+Both consume the same events in the same process.  The twin (tests/twin.py) does per step what NumPy does well: one dense product with
+the whole transition, no Python loop over numbers.  A median of three runs stands for the twin, pytest-benchmark's for the loop.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from twin import Twin, dive, prepared, vehicle
+
+from leadline.estimate.plan import IS_INPUT
+
+AIDED = ("dvl", "depth", "heading", "usbl")
+SIZES = {  # states: sensors, nuisances, [process]
+    15: (AIDED, (), ""),
+    24: ((*AIDED, "ranges"), ("dvl", "depth", "heading"), ""),  # 21, and now and then a clone or two
+    30: ((*AIDED, "ranges"), ("dvl", "depth", "heading", "ranges"), "[process]\nclones = 1"),  # 22, and a clone of 6
+}
+
+
+def timed(work: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+@pytest.mark.parametrize("states", SIZES)
+def test_loop(benchmark: Any, states: int) -> None:
+    """Microseconds per 100 Hz step, and how many times longer the twin takes."""
+    names, nuisances, more = SIZES[states]
+    log, aboard = dive(60.0), vehicle(*names, nuisances=nuisances, more=more)
+    navigator, stream = prepared(log, aboard)
+    start, steps = navigator.state.copy(), int((stream.events.kind == IS_INPUT).sum())
+
+    def loop() -> Any:
+        navigator.state[:] = start
+        return navigator.run(stream.events, len(stream.times))
+
+    results = loop()
+    twins = [Twin(navigator, aboard, log) for _ in range(3) if navigator.state[:].__setitem__(slice(None), start) is None]
+    dense = statistics.median(timed(lambda twin=twin: twin.run(stream.events)) for twin in twins)
+    benchmark.pedantic(loop, rounds=30, warmup_rounds=2)
+    per_step, dense_step = benchmark.stats.stats.median / steps * 1e6, dense / steps * 1e6
+    layout = navigator.composition.layout
+    benchmark.extra_info.update(
+        states=f"{layout.fixed} + {layout.error - layout.fixed} of clones", steps=steps, measurements=len(results.outcome),
+        us_per_step=round(per_step, 3), twin_us_per_step=round(dense_step, 1), ratio=round(dense_step / per_step),
+    )  # fmt: skip
+    print(f"\n{benchmark.extra_info}")
+    assert np.isfinite(navigator.state[layout.x]).all()
