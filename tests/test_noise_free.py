@@ -133,7 +133,10 @@ def test_order_of_convergence(sample, order):
 
 
 def test_a_measurement_inside_an_interval_changes_nothing():
-    """Depths of no weight (sigma 1e9 m) split every tenth interval: the two halves compose to the whole."""
+    """Depths of no weight (sigma 1e9 m) split every tenth interval: the two halves compose to the whole.
+
+    Attitude does so exactly and velocity to 1e-9; position is the trapezoid of velocity, which a split refines (0.5 um in 10 minutes).
+    """
     log = recorded("60 degrees")
     time = np.arange(0.0137, 599.9, 0.1)
     blind = replace(log, tables={**log.tables, "depth": Depth(time=time, depth=np.full(len(time), 20.0))})
@@ -142,7 +145,7 @@ def test_a_measurement_inside_an_interval_changes_nothing():
     whole, split = (solve(each, used, times=times) for each, used in ((log, vehicle()), (blind, weightless)))
     assert np.abs(whole.quaternion_nb - split.quaternion_nb).max() < 1e-12
     assert np.abs(whole.velocity_n - split.velocity_n).max() < 5e-9
-    assert np.abs(whole.position_n - split.position_n).max() < 1e-7
+    assert np.abs(whole.position_n - split.position_n).max() < 1e-6
 
 
 def test_a_run_whose_output_is_asked_for_more_often_is_the_same():

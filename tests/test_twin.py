@@ -23,6 +23,7 @@ EARTH_RADIUS = 6.4e6
 COMPOSITIONS = {
     "15 states": (AIDED, (), 15, 32.84, 1e-11),
     "21 states": (AIDED, ("dvl", "depth", "heading"), 21, 32.84, 1e-9),
+    "24 states": ((*AIDED, "attitude"), ("dvl", "depth", "heading", "attitude"), 24, 32.84, 1e-9),
     "20 states and 2 clones": ((*AIDED, "ranges"), ("dvl", "ranges"), 20, 32.84, 2e-8),
     "near the pole": ((*AIDED, "ranges"), ("depth",), 16, 89.9, 2e-8),
 }

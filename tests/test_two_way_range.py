@@ -84,8 +84,9 @@ def wrong(vehicle):
 
 
 def range_residuals(solution):
-    """Residuals (rows,) of all ranges, and which of them were used."""
-    mine = solution.innovations.select(solution.innovations.sensor == "ranges")
+    """Residuals (rows,) of the ranges that were looked at, and which of them were used."""
+    looked = solution.innovations
+    mine = looked.select((looked.sensor == "ranges") & np.isfinite(looked.nis))
     return mine.residual, mine.outcome == Outcome.USED
 
 
@@ -104,7 +105,8 @@ def test_residual_at_the_true_state_is_below_a_millimetre(recorder, vehicle):
 def test_one_epoch_is_wrong_by_half_of_speed_times_flight(recorder, vehicle):
     log = exact(recorder)
     residual, _ = range_residuals(solve(log, wrong(vehicle)))
-    flown = log["ranges"].time - log["ranges"].transmit
+    flown = (log["ranges"].time - log["ranges"].transmit)[: len(residual)]  # the last one arrives after the end
+    assert len(flown) == 12
     assert flown.min() > FLIGHT
     np.testing.assert_allclose(residual, -0.5 * SPEED * flown, rtol=0.03)  # the weave changes the speed
 

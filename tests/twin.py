@@ -13,6 +13,7 @@ from math import atan2, cos, exp, isinf, pi, radians, sin, sqrt
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from leadline.data.log import Beacon, Log
@@ -40,6 +41,7 @@ NUISANCES = {  # per sensor, as the vehicle file has them
     "dvl": "scale = { sigma_percent = 0.5, walk_percent_per_rts = 0.001 }\nmounting = { sigma_deg = 0.5 }",
     "depth": "datum = { sigma_m = 0.1 }",
     "heading": "bias = { sigma_deg = 1.0, tau_s = 120.0, steady_deg = 0.7 }",
+    "attitude": "bias = { sigma_deg = [0.3, 0.3, 1.0] }",
     "ranges": "bias = { sigma_m = 0.5 }",
 }
 
@@ -76,8 +78,10 @@ def vehicle(*names: str, nuisances: tuple[str, ...] = (), more: str = "") -> Veh
     return vehicle_from_toml(text + more)
 
 
-def dive(duration: float, *, seed: int = 1, latitude: float = 32.84, rate: float = 100.0, gap: tuple[float, float] = (30.0, 30.6)) -> Log:
-    """Return a rolling and pitching circle with all sensors, and without IMU rows inside `gap`."""
+def dive(
+    duration: float, *, latitude: float = 32.84, rate: float = 100.0, gap: tuple[float, float] = (30.0, 30.6), pings: float = 2.0
+) -> Log:
+    """Return a rolling and pitching circle with all sensors, and without IMU rows inside `gap`; `pings` (Hz) of two-way ranges."""
     place = Place(radians(latitude), radians(179.9999), depth=15.0, surface_height=17.0)
     instruments: dict[str, Any] = {
         "imu": Imu(rate=rate, lever_arm_b=LEVER["imu"], gyro_density=3e-5, accel_density=1e-3),
@@ -87,9 +91,9 @@ def dive(duration: float, *, seed: int = 1, latitude: float = 32.84, rate: float
         "attitude": Attitude(rate=2.0, offset=0.207, sigma=(0.01, 0.01, 0.02)),
         "gnss": Gnss(rate=0.5, offset=3.0, sigma=(1.5, 1.5, 3.0)),
         "usbl": PositionFix(rate=0.2, offset=2.5, lever_arm_b=LEVER["usbl"], sigma=1.5, sigma_depth=0.5, outlier_fraction=0.2, outlier_size=40.0),
-        "ranges": AcousticRange(rate=2.0, offset=1.3, lever_arm_b=LEVER["ranges"], beacons=BEACONS, sigma=2e-4),
+        "ranges": AcousticRange(rate=pings, offset=1.3, lever_arm_b=LEVER["ranges"], beacons=BEACONS, sigma=2e-4),
     }  # fmt: skip
-    log = simulate(circle(place, duration, speed=1.5, radius=60.0, weave=ROUGH), instruments, seed=seed)
+    log = simulate(circle(place, duration, speed=1.5, radius=60.0, weave=ROUGH), instruments, seed=1)
     imu = log["imu"]
     return replace(log, tables={**log.tables, "imu": imu.select((imu.time < gap[0]) | (imu.time > gap[1]))})
 
@@ -330,12 +334,22 @@ class Twin:
             H[0, 6:9] = np.array([-ahead[1], ahead[0], 0.0]) @ -skew(ahead) / (ahead[0] ** 2 + ahead[1] ** 2)
             self._nuisance(H, at, 1.0)
             return H, (row[:1] - self.pose.heading - bias + pi) % (2 * pi) - pi, np.diag(row[1:2])
-        return {"usbl": self._fix, "dvl": self._dvl, "ranges": self._range}[name](H, lever_b, lever, row)
+        return {"usbl": self._fix, "dvl": self._dvl, "ranges": self._range, "attitude": self._attitude}[name](H, lever_b, lever, row)
 
     @staticmethod
     def _nuisance(H: np.ndarray, at: int | None, value: Any) -> None:
         if at is not None:
             H[:, at] = value
+
+    def _attitude(self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rotation vector from the measured to the predicted attitude, along the measured heading; its slope to second order."""
+        north, level = rotation(np.array([0.0, 0.0, self.pose.wander])), np.array([[row[7], row[8], 0.0], [-row[8], row[7], 0.0], [0.0, 0.0, 1.0]])
+        e = Rotation.from_matrix(north @ self.pose.nb @ matrix_of(row[3:7]).T).as_rotvec()
+        bias = [self.value(f"attitude.bias_{axis}") for axis in "xyz"]
+        H[:, 6:9] = level @ (np.eye(3) - skew(e) / 2 + skew(e) @ skew(e) / 12) @ north
+        for i, (_, index) in enumerate(bias):
+            self._nuisance(H, index, np.eye(3)[i])
+        return H, -level @ e - [value for value, _ in bias], np.diag(row[9:12])
 
     def _fix(self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         c, s = cos(self.pose.wander), sin(self.pose.wander)

@@ -8,7 +8,7 @@ view.  On these runs the information recursion of assess/bound.py, which shares 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -24,12 +24,14 @@ from leadline.estimate.solve import navigator_for, stream_of
 from leadline.models.layout import INPUTS
 from leadline.models.view import TANGENT, VIEW_SIZE
 from leadline.simulate.dive import StartSigmas, initial
+from leadline.simulate.instruments import Dvl
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from leadline.data import records
     from leadline.data.log import Initial
-    from leadline.data.records import Array
+    from leadline.data.records import Array, Table
     from leadline.data.vehicle import Vehicle
     from leadline.estimate.composition import Composition
     from leadline.simulate.dive import Recorder
@@ -45,13 +47,22 @@ def ideal_log(recorder: Recorder) -> Log:
     place = recorder.trajectory.place
     return Log(
         name=recorder.name,
-        tables={name: recorder.ideal(name) for name in recorder.instruments} | {"truth": recorder.truth},
+        tables={name: _ideal(recorder, name) for name in recorder.instruments} | {"truth": recorder.truth},
         epoch=recorder.epoch,
         origin=Origin(place.latitude, place.longitude),
         datum=Datum(geoid_undulation=place.surface_height),
         initial=exact_start(recorder.trajectory, recorder.start),
         beacons=recorder.beacons,
     )
+
+
+def _ideal(recorder: Recorder, name: str) -> Table:
+    """The table of an instrument without errors; a Doppler log's beams are made where its errors would be."""
+    instrument, table = recorder.instruments[name], recorder.ideal(name)
+    if not isinstance(instrument, Dvl):
+        return table
+    exact = replace(instrument, sigma=0.0, sigma_scale=0.0, sigma_mounting=0.0, beam_sigma=0.0, beam_loss=0.0)
+    return exact.noisy(cast("records.Dvl", table), np.random.default_rng(0))
 
 
 def exact_start(trajectory: Trajectory, sigmas: StartSigmas) -> Initial:
