@@ -17,6 +17,7 @@ RUN = {
     "as_library.py": ["dive", "vehicle.toml"],
     "live.py": ["dive", "vehicle.toml", "30"],
     "own_sensor.py": [],
+    "score_logs.py": ["--vehicle", "vehicle.toml", "dive"],
     "synthetic_dive.py": ["made", "--seed", "2"],
 }
 
@@ -34,6 +35,10 @@ def run(place: Path, name: str) -> str:
     assert found.returncode == 0, found.stderr
     assert found.stderr == ""
     return found.stdout
+
+
+def test_every_example_is_run_here() -> None:
+    assert set(RUN) == {file.name for file in EXAMPLES.glob("*.py")}
 
 
 def test_every_vehicle_file_is_right() -> None:
@@ -74,3 +79,7 @@ def test_own_sensor_stays_short() -> None:
 def test_synthetic_dive(place: Path) -> None:
     assert run(place, "synthetic_dive.py").startswith("made: imu 180001")
     assert leadline.read_log(place / "made").truth is not None
+
+
+def test_score_logs(place: Path) -> None:
+    assert "dive" in run(place, "score_logs.py")

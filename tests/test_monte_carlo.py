@@ -201,7 +201,10 @@ sigma_mps = 0.01
 beam_azimuth_deg = [0.0, 90.0, 180.0, 270.0]
 beam_tilt_deg = 30.0
 use = "beams"
-nuisance = { scale = { value_percent = 1.0, sigma_percent = 0.2 }, mounting = { value_deg = 1.0, sigma_deg = 0.2 } }
+[sensors.dvl.nuisance]
+scale = { value_percent = 1.0, sigma_percent = 0.2 }
+mounting = { value_deg = 1.0, sigma_deg = 0.2 }
+bias = { sigma_mps = [0.01, 0.02, 0.01] }
 [sensors.pressure_depth]
 kind = "depth"
 rate_hz = 5.0

@@ -96,7 +96,7 @@ def in_use(pair: Pair) -> np.ndarray:
 def test_mechanisation(latitude: float) -> None:
     """Ten minutes of inputs without noise: the strapdown kernel and matrices in NumPy arrive at the same place, velocity and attitude."""
     place = Place(radians(latitude), radians(10.0), depth=20.0)
-    log = simulate(circle(place, 600.0, speed=1.5, radius=50.0, weave=GENTLE), {"imu": Imu(rate=50.0)})
+    log = simulate(circle(place, 600.0, speed=1.5, radius=50.0, weave=GENTLE), {"imu": Imu(rate=25.0)})
     aboard = vehicle()
     navigator, stream = prepared(log, aboard)
     twin, process = Twin(navigator, aboard, log), inertial(aboard["imu"], 0.0)
@@ -109,8 +109,8 @@ def test_mechanisation(latitude: float) -> None:
             process.step(x, np.append(twin.input, 0.0), dt, process.parameters, memory)
             twin.mechanise(dt)
     error = np.abs(nominal(layout, x) - twin.x)
-    assert len(inputs) > 29_990
-    assert error[:9].max() * EARTH_RADIUS < 1e-5  # m: the rounding of 30,000 steps, doubled by Schuler's loop
+    assert len(inputs) > 14_990
+    assert error[:9].max() * EARTH_RADIUS < 1e-5  # m: the rounding of 15,000 steps, doubled by Schuler's loop
     assert error[9] < 1e-7
     assert error[10:13].max() < 1e-8
     assert error[13:22].max() < 1e-11

@@ -7,7 +7,9 @@ With --json standard output holds JSON alone; progress and trouble go to standar
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
+import os
 import sys
 import tempfile
 import traceback
@@ -38,6 +40,9 @@ def run(arguments: list[str]) -> int:
     """Run the command line with arguments; returns the exit code."""
     try:
         code = app(arguments or ["--help"], standalone_mode=False)
+        sys.stdout.flush()
+        if code == 130:  # what typer makes of Ctrl-C
+            raise KeyboardInterrupt
         return code if isinstance(code, int) else 0
     except InputError as error:
         return _say(f"leadline: {error}", 2)
@@ -45,12 +50,22 @@ def run(arguments: list[str]) -> int:
         return _say(f"leadline: {error.format_message()}", 2)
     except (KeyboardInterrupt, typer.Abort):
         return _say("leadline: interrupted; nothing was written", 130)
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # the reader of standard output has gone: rich and typer then leave by SystemExit
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the flush at the end has a reader
         return 0
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            return _fault(error)
+        return _say(f"leadline: {error.filename or 'standard output'}: cannot be written: {error.strerror}; make room", 2)
     except Exception as error:
-        with tempfile.NamedTemporaryFile("w", prefix="leadline-", suffix=".log", delete=False) as file:
-            traceback.print_exc(file=file)
-        return _say(f"leadline: this is our fault, not yours: {type(error).__name__}: {error}; the traceback is in {file.name}", 1)
+        return _fault(error)
+
+
+def _fault(error: Exception) -> int:
+    with tempfile.NamedTemporaryFile("w", prefix="leadline-", suffix=".log", delete=False) as file:
+        traceback.print_exception(error, file=file)
+    return _say(f"leadline: this is our fault, not yours: {type(error).__name__}: {error}; the traceback is in {file.name}", 1)
 
 
 def _say(message: str, code: int) -> int:

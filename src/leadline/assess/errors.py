@@ -43,6 +43,9 @@ class Spread:
     end: float
 
 
+NEAR = 0.06  # s: half an output interval at the default rate, and a little
+
+
 @dataclass(frozen=True)
 class Errors:
     """Errors (m, 9) at m moments of truth over `ERROR_NAMES`, nan where truth is silent, with their covariance (m, 9, 9).
@@ -56,6 +59,7 @@ class Errors:
     covariance: Array
     track: Array
     left_out: Mapping[str, int] = field(default_factory=dict)
+    away: Array | None = None  # (m,) how far the nearest row of the solution is (s): interpolation adds errors that P does not know
 
     def __len__(self) -> int:
         """Return the number of moments."""
@@ -109,7 +113,7 @@ class Errors:
     def whitened(self, block: str) -> Array:
         """Return P^-1/2 error (m, dof) of one of `BLOCKS`: unit normal where the covariance is right; nan where it is not defined.
 
-        The symmetric root is taken, as it follows slow changes of the covariance continuously.
+        Moments further than `NEAR` from a row of the solution are not defined.  The symmetric root is taken, as it follows slow changes of the covariance continuously.
         """
         part = BLOCKS[block]
         sigma = self.sigma[:, part]
@@ -117,6 +121,8 @@ class Errors:
         correlation = self.covariance[:, part, part] / (unit[:, :, None] * unit[:, None, :])
         scaled = self.error[:, part] / unit
         good = np.isfinite(scaled).all(axis=1) & np.isfinite(correlation).all(axis=(1, 2))
+        if self.away is not None:
+            good &= self.away <= NEAR
         values, vectors = np.linalg.eigh(correlation[good])
         root = np.sqrt(np.where(values > 1e-12, values, np.nan))
         result = np.full(scaled.shape, np.nan)
@@ -159,7 +165,7 @@ def errors_of(solution: Solution, truth: Truth, *, gap: float = 2.0) -> Errors:
     rotation = _rotation_error(estimate, truth, index, turn)
     error = np.concatenate([level, down[:, None], velocity, rotation], axis=1)
     covariance = _turned(estimate.covariance, turn) + _own_covariance(truth, index)
-    return Errors(time, error, covariance, _track(solution, time, latitude, longitude), left_out)
+    return Errors(time, error, covariance, _track(solution, time, latitude, longitude), left_out, found(solution.time, time)[1])
 
 
 def _chosen(solution: Solution, truth: Truth, gap: float) -> tuple[npt.NDArray[np.int64], dict[str, int]]:

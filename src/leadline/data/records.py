@@ -66,7 +66,7 @@ class Table:
 
     def _check(self) -> None:
         if self.time is None:
-            raise InputError(self.kind, "has no time", "give time")
+            raise InputError(self.kind, "has no time", "give time_s")
         for item in self.columns():
             value = getattr(self, item.name)
             if value is None and item.metadata["required"]:

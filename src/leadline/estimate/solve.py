@@ -168,7 +168,7 @@ def stream_of(
     when, data, imu_outcome = InputStream.of(vehicle[vehicle.process.imu]).push(table.select(order))  # type: ignore[arg-type]
     outcome: dict[str, Integers] = {vehicle.process.imu: np.empty_like(imu_outcome)}
     outcome[vehicle.process.imu][order] = imu_outcome
-    if not len(when):
+    if not len(when) or int((imu_outcome == Outcome.USED).sum()) < 2:
         raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", "gives no interval to navigate over", "at least two valid rows")
     last = float(table.time[order][imu_outcome == Outcome.USED][-1]) if end is None else end
     if last <= start:
@@ -197,7 +197,7 @@ def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome
 
 def _output_times(start: float, last: float, rate: float) -> Array:
     """Multiples of the output interval inside the run, and both ends."""
-    if not rate > 0.0:
+    if not 0.0 < rate < np.inf:
         raise InputError("rate", f"{rate} Hz", "a positive number")
     first, final = int(np.ceil(start * rate - 1e-9)), int(np.floor(last * rate + 1e-9))
     return np.unique(np.clip(np.concatenate([[start], np.arange(first, final + 1) / rate, [last]]), start, last))

@@ -64,6 +64,9 @@ def new_folder(path: str | Path, marker: str = "summary.json") -> Iterator[Path]
 def check_place(path: str | Path, marker: str = "summary.json") -> None:
     """Raise InputError where a folder may not be written to `path`, as `new_folder` will: to be known before the work starts."""
     place = Path(path)
+    home = next(parent for parent in place.resolve().parents if parent.exists())
+    if not os.access(home, os.W_OK):
+        raise InputError(path, f"cannot be written: {home} is read-only", "choose another place")
     if not place.exists():
         return
     if not place.is_dir():

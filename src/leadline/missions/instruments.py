@@ -78,6 +78,22 @@ class Ranges(simulated.AcousticRange):
         return super().noisy(replace(table, travel_time=travel + longer), rest)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Doppler(simulated.Dvl):
+    """A Doppler log whose velocities, and so its beams, are off by a bias in sensor axes (m/s)."""
+
+    bias: Drift = field(default_factory=Drift)
+
+    def noisy(self, table: records.Dvl, generator: Generator) -> records.Dvl:
+        """Add the bias to what the instrument measures otherwise."""
+        found = super().noisy(table, generator)
+        bias = self.bias.draw(table.time, 3, generator.spawn(1)[0])
+        velocity = None if found.velocity is None else found.velocity + bias
+        if found.beam is None:
+            return replace(found, velocity=velocity)
+        return replace(found, velocity=velocity, beam=found.beam + bias @ simulated.beam_vectors(self.azimuths, self.tilt).T)
+
+
 def _placed(config: SensorConfig, rate: float) -> dict[str, Any]:
     """When and where an instrument measures."""
     if config.latency:
@@ -133,7 +149,7 @@ def _imu(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Imu: 
     )
 
 
-def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Dvl:  # noqa: ARG001
+def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> Doppler:  # noqa: ARG001
     frame, beams = config.value("frame", "sensor"), config.value("use", "velocity") == "beams"
     if frame not in ("sensor", "body"):
         raise InputError(f"sensors.{config.name}.frame", f"'{frame}'", "sensor or body: the simulator levels no velocities")
@@ -145,15 +161,18 @@ def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Dvl: 
         azimuths, sigma = tuple(config.value("beam_azimuth")), config.value("beam_sigma", config.value("sigma"))
         head = {"output": "beams", "azimuths": azimuths, "tilt": config.value("beam_tilt"), "beam_sigma": sigma}
     placed = _placed(config, rate) | {"mounting_bs": _angles(rotation)}
-    return simulated.Dvl(**placed, **head, scale=float(scale[0]), sigma_scale=sigma_scale, sigma_mounting=sigma_mounting)
+    errors: dict[str, Any] = {"scale": float(scale[0]), "sigma_scale": sigma_scale, "sigma_mounting": sigma_mounting}
+    return Doppler(**placed, **head, **errors, bias=_drift(config, "bias", 3))
 
 
 def _depth(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Depth:  # noqa: ARG001
     return simulated.Depth(**_placed(config, rate), sigma=config.value("sigma"), bias=_drift(config, "datum"))
 
 
-def _drift(config: SensorConfig, name: str) -> Drift:
-    return drift_of(_prior(config, name), f"sensors.{config.name}.nuisance.{name}")
+def _drift(config: SensorConfig, name: str, axes: int = 1) -> Drift:
+    prior = _prior(config, name)
+    whole = replace(prior, value=prior.value * np.ones(axes), sigma=prior.sigma * np.ones(axes))
+    return drift_of(whole, f"sensors.{config.name}.nuisance.{name}")
 
 
 def _shifted(drift: Drift, offset: float) -> Drift:
@@ -174,9 +193,7 @@ def _declination(config: SensorConfig) -> float:
 
 def _attitude(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Attitude:  # noqa: ARG001
     tilt, heading = config.value("sigma_tilt"), config.value("sigma")
-    prior = _prior(config, "bias")
-    whole = replace(prior, value=prior.value * np.ones(3), sigma=prior.sigma * np.ones(3))
-    bias = _shifted(drift_of(whole, f"sensors.{config.name}.nuisance.bias"), -_declination(config))
+    bias = _shifted(_drift(config, "bias", 3), -_declination(config))
     return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias)
 
 
