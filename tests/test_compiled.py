@@ -15,7 +15,9 @@ from leadline.models.inertial import noise, step
 
 SOURCE = Path(__file__).parents[1] / "src"
 CONSTANTS = "FACTOR = 2.0\n"
-CALLEE = "from leadline.core.compiled import kernel\nfrom {package}constants import FACTOR\n\n@kernel()\ndef scaled(a):\n    return FACTOR * a\n"
+CALLEE = (
+    "from leadline.core.compiled import kernel\nfrom {package}constants import FACTOR\n\n@kernel()\ndef scaled(a):\n    return FACTOR * a\n"
+)
 CALLER = (
     "from leadline.core.compiled import F, f8, kernel\nfrom {package}callee import scaled\n\n"
     "@kernel(f8(f8))\ndef total(a):\n    return scaled(a) + 1.0\n\n"

@@ -48,7 +48,7 @@ def test_curvature(latitude: float, longitude: float, wander: float) -> None:
     height, x = -3000.0, place(latitude, longitude, -3000.0, wander)
     axis = axis_of(x)
     meridian, prime = (float(pymap3d.rcurve.__dict__[name](latitude, deg=False)) for name in ("meridian", "transverse"))
-    for angle, radius, sign in ((0.0, meridian, -1.0), (pi / 2, prime, 1.0)):
+    for angle, radius in ((0.0, meridian), (pi / 2, prime)):
         level = np.array([cos(angle - wander), sin(angle - wander)])  # of the frame's axes
         turned = level_rotation(axis, curvature(axis, height), *level)
         across = turned[1] * level[0] - turned[0] * level[1]
@@ -62,7 +62,7 @@ def test_curvature(latitude: float, longitude: float, wander: float) -> None:
     ids=["equator", "45 degrees", "pole"],
 )
 def test_normal_gravity_as_published(latitude: float, expected: float, tolerance: float) -> None:
-    """On the ellipsoid: equator and pole of WGS 84 (NGA.STND.0036, 2014); at 45 degrees GRS 80 (Moritz, 1980) less what the two differ by."""
+    """Equator and pole of WGS 84 (NGA.STND.0036, 2014); at 45 degrees GRS 80 (Moritz, 1980) less what the two differ by."""
     assert abs(gravity((0.0, 0.0, -sin(radians(latitude))), 0.0, 0.0) - expected) < tolerance
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from math import radians
 
 import numpy as np
@@ -78,7 +78,9 @@ def random_view(generator: np.random.Generator, near: np.ndarray | None = None) 
     if near is None:
         latitude = generator.choice([generator.uniform(-1.4, 1.4), radians(89.95), radians(-89.9)])
         quaternion = attitude.quaternion_from_euler(*(generator.uniform(-1, 1, 3) * (np.pi, radians(80.0), np.pi)))
-        view = view_of(latitude, generator.uniform(-np.pi, np.pi), -100.0, quaternion, generator.normal(0.0, 1.5, 3), generator.normal(0.0, 0.3, 3))
+        view = view_of(
+            latitude, generator.uniform(-np.pi, np.pi), -100.0, quaternion, generator.normal(0.0, 1.5, 3), generator.normal(0.0, 0.3, 3)
+        )
         view[0:4] = attitude.product(view[0:4], attitude.quaternion_from_euler(0.0, 0.0, generator.uniform(-np.pi, np.pi)))
         view[15:21] = generator.normal(0.0, 3.0, 6)
         return view
@@ -156,15 +158,15 @@ def test_sensor(which: str) -> None:
         views = np.concatenate([first, random_view(generator, near=first)])
         nuisance, row = generator.normal(0.0, 0.05, NUISANCES), random_row(name, channel, first, generator)
         z, Hv, Hn = predicted(channel, views, nuisance, row)
-        by_view = [
-            central(lambda h, j=j: predicted(channel, moved(views, j, h), nuisance, row)[0], STEPS[j % TANGENT], any(channel.angles))
-            for j in range(Hv.shape[1])
-        ]
-        unit = np.eye(NUISANCES)
-        by_nuisance = [
-            central(lambda h, j=j: predicted(channel, views, nuisance + h * unit[j], row)[0], 1e-3, any(channel.angles))
-            for j in range(Hn.shape[1])
-        ]
+
+        def value(h: float, j: int, views: np.ndarray = views, nuisance: np.ndarray = nuisance, row: np.ndarray = row) -> np.ndarray:
+            if j < TANGENT * channel.epochs:
+                return predicted(channel, moved(views, j, h), nuisance, row)[0]
+            return predicted(channel, views, nuisance + h * np.eye(NUISANCES)[j - TANGENT * channel.epochs], row)[0]
+
+        count, wraps = Hv.shape[1], any(channel.angles)
+        by_view = [central(partial(value, j=j), STEPS[j % TANGENT], wraps) for j in range(count)]
+        by_nuisance = [central(partial(value, j=count + j), 1e-3, wraps) for j in range(Hn.shape[1])]
         bar = np.repeat(2e-6 * (1.0 + np.abs(Hv).max(axis=1, keepdims=True)), Hv.shape[1], axis=1)
         bar[:, 0:2] += abs(np.tan(latitude_of(first))) / 6.3e6 * (1.0 + np.abs(z).max())
         np.testing.assert_array_less(np.abs(Hv - np.stack(by_view, axis=1)) / bar, 1.0)

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from twin import BEACONS, dive, prepared, vehicle
 
-from leadline.core.attitude import wrapped
+from leadline.core.attitude import conjugate, product
 from leadline.data.errors import InputError
 from leadline.data.log import Log
 from leadline.data.outcome import Outcome
@@ -29,12 +29,14 @@ from leadline.models.sensor import Channel, Context, Sensor, finite_rows, nuisan
 SENSORS = ("dvl", "depth", "heading", "attitude", "gnss", "usbl", "ranges")
 ABOARD = vehicle(*SENSORS, nuisances=("dvl", "heading"))
 Rows = list[tuple[str, np.ndarray]]
+RUN = (Phase.explicit, Phase.reuse, Phase.generate)  # no shrinking: an example is a whole run
 
 
 @cache
 def example() -> Log:
     """Twenty seconds with all sensors, an IMU gap, and rows of all kinds before the start."""
     whole = dive(20.0, rate=50.0, gap=(8.0, 8.6))
+    whole = changed(whole, ranges=whole["ranges"].select(whole["ranges"].time < 19.9))
     loose = {"sigma_position": 3.0, "sigma_velocity": 0.5, "sigma_tilt": 0.1, "sigma_heading": 0.1}
     return replace(whole, initial=replace(whole.initial, time=1.0, **loose))
 
@@ -67,7 +69,7 @@ def test_same_input_same_bytes(log: Log) -> None:
         assert_array_equal(getattr(a.innovations, name), getattr(b.innovations, name))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10, deadline=None, phases=RUN)
 @given(more=st.lists(st.floats(1.0, 19.9, allow_nan=False), max_size=40))
 def test_extra_outputs_change_nothing(more: list[float]) -> None:
     """Whatever other times are asked for, the estimates at the common times keep every bit."""
@@ -77,7 +79,7 @@ def test_extra_outputs_change_nothing(more: list[float]) -> None:
     assert_same(solve(log, ABOARD, times=common), solve(log, ABOARD, times=times), at_b=np.searchsorted(times, common))
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6, deadline=None, phases=RUN)
 @given(seed=st.integers(0, 2**32 - 1), names=st.sets(st.sampled_from(("imu", *SENSORS)), min_size=1))
 def test_the_order_of_rows_means_nothing(seed: int, names: set[str]) -> None:
     """Rows shuffled in any tables change no bit, where neither `received` nor `sequence` tells an order."""
@@ -129,9 +131,15 @@ def offline(log: Log, aboard: Vehicle) -> tuple[Navigator, dict[tuple[str, int],
 
 
 def assert_live_is_offline(log: Log, arrivals: Rows, aboard: Vehicle = ABOARD) -> None:
-    """State and outcomes are the same, bit for bit; rows after the last inertial one still wait."""
-    (a, mine), (b, whole) = live(log, aboard, arrivals), offline(log, aboard)
+    """State and outcomes are the same, bit for bit; rows after the last inertial one still wait.
+
+    Ranges that would wait are not sent: their clones are in the live state already, and offline never.
+    """
     end = np.nanmax(log["imu"].time) - aboard["imu"].latency
+    cut = {name: table.select(~(table.time > end)) for name, table in log.tables.items() if isinstance(table, AcousticRange)}
+    arrivals = [(name, kept) for name, rows in arrivals if len(kept := rows[rows < len(cut.get(name, log[name]))])]
+    log = changed(log, **cut)
+    (a, mine), (b, whole) = live(log, aboard, arrivals), offline(log, aboard)
     waiting = {key for key, code in whole.items() if code == Outcome.OUTSIDE_RUN and log[key[0]].time[key[1]] > end}
     assert {k: v for k, v in mine.items() if k not in waiting} == {k: v for k, v in whole.items() if k not in waiting}
     assert all(mine[key] == Outcome.USED for key in waiting)
@@ -152,7 +160,7 @@ def test_used_rows_are_most_rows(log: Log) -> None:
         assert Outcome.NO_CLONE not in codes
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5, deadline=None, phases=RUN)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_late_rows_are_put_in_their_place(seed: int) -> None:
     """Aiding rows that arrive up to 4 s late, in any order, lead to the same state."""
@@ -163,7 +171,7 @@ def test_late_rows_are_put_in_their_place(seed: int) -> None:
     assert_live_is_offline(log, padded)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5, deadline=None, phases=RUN)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_several_rows_per_call(seed: int) -> None:
     """Rows that come in parcels of one sensor lead to the same state."""
@@ -328,7 +336,7 @@ def test_trouble_is_an_outcome(log: Log, make: Callable[[Depth], Table], outcome
     assert outcomes["depth", last] == outcome
     assert_array_equal(whole.state, base.state)
     everything = [("imu", np.arange(len(log["imu"])))] + [(name, np.arange(len(troubled[name]))) for name in SENSORS]
-    for arrivals in (by_arrival(log) + [("depth", np.array([last]))], everything):
+    for arrivals in ([*by_arrival(log), ("depth", np.array([last]))], everything):
         navigator, mine = live(troubled, ABOARD, arrivals)
         assert mine["depth", last] == outcome
         assert_array_equal(navigator.state, base.state)
@@ -436,22 +444,20 @@ def python_dvl(config: SensorConfig, context: Context) -> Sensor:
 
 @pytest.mark.parametrize("name", ["depth", "heading", "dvl"])
 def test_a_sensor_in_plain_python_equals_the_compiled_one(log: Log, name: str) -> None:
-    """Value by a function, Jacobian by differences: the estimates agree to 1e-8 of their sigmas (latitude near 180 deg, all headings)."""
+    """Value by a function, Jacobian by differences: the estimates agree to 1e-8 (m/s, m, rad; covariances in sigmas).
+
+    For heading less well: the kernel leaves out how north turns with position, tan(latitude) / R = 1e-7 rad/m.
+    """
     config = replace(ABOARD[name], model=f"test_stream:python_{name}")
     plain = solve(log, replace(ABOARD, sensors={**ABOARD.sensors, name: config}))
     compiled = solve(log, ABOARD)
     sigma = np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2))
     assert plain.summary["counts"][name] == compiled.summary["counts"][name]
-    assert_array_less(np.abs(plain.velocity_n - compiled.velocity_n), 1e-6 * sigma[:, 3:6])
-    assert_array_less(np.abs((plain.height - compiled.height)), 1e-6 * sigma[:, 2])
-    assert_allclose(plain.covariance / sigma[:, :, None] / sigma[:, None], compiled.covariance / sigma[:, :, None] / sigma[:, None], atol=1e-8)
-    turned = wrapped(plain.quaternion_nb @ np.ones(4) - compiled.quaternion_nb @ np.ones(4))
-    assert np.abs(turned).max() < 1e-8
-
-
-def assert_array_less(a: np.ndarray, b: np.ndarray) -> None:
-    """Everywhere less or equal."""
-    assert (a <= b).all(), float((a / b).max())
+    scale = sigma[:, :, None] * sigma[:, None]
+    assert_allclose(plain.covariance / scale, compiled.covariance / scale, atol=3e-5 if name == "heading" else 1e-8)
+    turned = 2.0 * product(plain.quaternion_nb, conjugate(compiled.quaternion_nb))[:, 1:]
+    for error in (plain.velocity_n - compiled.velocity_n, (plain.height - compiled.height)[:, None], turned):
+        assert np.abs(error).max() < (1e-7 if name == "heading" else 1e-8)
 
 
 def python_trouble(config: SensorConfig, context: Context) -> Sensor:
@@ -460,7 +466,9 @@ def python_trouble(config: SensorConfig, context: Context) -> Sensor:
     def read(table: Depth) -> Any:
         return reading(table, finite_rows(0, np.column_stack([table.depth, np.arange(len(table)) % 3]), usable(table)))
 
-    return Sensor(config, (Channel(("depth",), lambda views, nuisance, row: (np.nan if row[1] == 0 else 20.0, [1e6]), np.zeros(0), 2),), read)
+    return Sensor(
+        config, (Channel(("depth",), lambda views, nuisance, row: (np.nan if row[1] == 0 else 20.0, [1e6]), np.zeros(0), 2),), read
+    )
 
 
 def test_a_python_sensor_without_an_answer(log: Log) -> None:

@@ -90,7 +90,8 @@ def dive(
         "heading": Heading(rate=5.0, offset=0.05, sigma=0.01),
         "attitude": Attitude(rate=2.0, offset=0.207, sigma=(0.01, 0.01, 0.02)),
         "gnss": Gnss(rate=0.5, offset=3.0, sigma=(1.5, 1.5, 3.0)),
-        "usbl": PositionFix(rate=0.2, offset=2.5, lever_arm_b=LEVER["usbl"], sigma=1.5, sigma_depth=0.5, outlier_fraction=0.2, outlier_size=40.0),
+        "usbl": PositionFix(rate=0.2, offset=2.5, lever_arm_b=LEVER["usbl"], sigma=1.5, sigma_depth=0.5, outlier_fraction=0.2,
+                            outlier_size=40.0),
         "ranges": AcousticRange(rate=pings, offset=1.3, lever_arm_b=LEVER["ranges"], beacons=BEACONS, sigma=2e-4),
     }  # fmt: skip
     log = simulate(circle(place, duration, speed=1.5, radius=60.0, weave=ROUGH), instruments, seed=1)
@@ -166,7 +167,9 @@ class Pose:
         s2, f, m = self.en[2, 2] ** 2, 1.0 - sqrt(1.0 - E2), 3.449786506841e-3
         normal = 9.7803253359 * (1.0 + 1.931852652458e-3 * s2) / sqrt(1.0 - E2 * s2)
         h = self.height / A
-        return normal * (1.0 - 2.0 * (1.0 + f + m - 2.0 * f * s2) * h + 3.0 * h * h) - 4 * pi * 6.6743e-11 * 1028.0 * max(surface - self.height, 0.0)
+        return normal * (1.0 - 2.0 * (1.0 + f + m - 2.0 * f * s2) * h + 3.0 * h * h) - 4 * pi * 6.6743e-11 * 1028.0 * max(
+            surface - self.height, 0.0
+        )
 
     def moved(self, d: np.ndarray) -> np.ndarray:
         """Move by d (m) along n; returns the new place."""
@@ -341,9 +344,14 @@ class Twin:
         if at is not None:
             H[:, at] = value
 
-    def _attitude(self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _attitude(
+        self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rotation vector from the measured to the predicted attitude, along the measured heading; its slope to second order."""
-        north, level = rotation(np.array([0.0, 0.0, self.pose.wander])), np.array([[row[7], row[8], 0.0], [-row[8], row[7], 0.0], [0.0, 0.0, 1.0]])
+        north, level = (
+            rotation(np.array([0.0, 0.0, self.pose.wander])),
+            np.array([[row[7], row[8], 0.0], [-row[8], row[7], 0.0], [0.0, 0.0, 1.0]]),
+        )
         e = Rotation.from_matrix(north @ self.pose.nb @ matrix_of(row[3:7]).T).as_rotvec()
         bias = [self.value(f"attitude.bias_{axis}") for axis in "xyz"]
         H[:, 6:9] = level @ (np.eye(3) - skew(e) / 2 + skew(e) @ skew(e) / 12) @ north
@@ -398,7 +406,9 @@ def process_noise(aboard: Vehicle) -> dict[int, np.ndarray]:
 
 def nominal(layout: Layout, x: np.ndarray) -> np.ndarray:
     """The package's nominal state (motion and nuisances) with rotations as matrices, in the order of `Twin.x`."""
-    return np.concatenate([matrix_of(x[0:4]).ravel(), x[4:8], matrix_of(x[8:12]).ravel(), x[12 : layout.motion_nominal + len(layout.nuisances)]])
+    return np.concatenate(
+        [matrix_of(x[0:4]).ravel(), x[4:8], matrix_of(x[8:12]).ravel(), x[12 : layout.motion_nominal + len(layout.nuisances)]]
+    )
 
 
 def covariance(composition: Composition, state: np.ndarray) -> np.ndarray:

@@ -113,7 +113,8 @@ class Errors:
     def whitened(self, block: str) -> Array:
         """Return P^-1/2 error (m, dof) of one of `BLOCKS`: unit normal where the covariance is right; nan where it is not defined.
 
-        Moments further than `NEAR` from a row of the solution are not defined.  The symmetric root is taken, as it follows slow changes of the covariance continuously.
+        Moments further than `NEAR` from a row of the solution are not defined.  The symmetric root is taken, as it follows slow
+        changes of the covariance continuously.
         """
         part = BLOCKS[block]
         sigma = self.sigma[:, part]

@@ -6,7 +6,7 @@ At one instant the order is: measurements, clones, outputs, the next input; with
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,16 +24,15 @@ Integers = npt.NDArray[np.int64]
 RANK = {IS_CLONE: 1, IS_DROP: 2, IS_MARK: 3, IS_OUTPUT: 4, IS_INPUT: 5}  # measurements: 0
 
 
-@dataclass(frozen=True, order=True)
-class Event:
-    """One event of the live stream; its order is the order of the stream."""
+class Event(NamedTuple):
+    """One event of the live stream; its order is the order of the stream.  Rows that are equal in all else are interchangeable."""
 
     time: float
     rank: int
     kind: int
     data: tuple[float, ...] = ()
-    sensor: str = field(default="", compare=False)
-    row: int = field(default=-1, compare=False)
+    sensor: str = ""
+    row: int = -1
 
 
 @dataclass(frozen=True)

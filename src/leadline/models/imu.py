@@ -10,11 +10,14 @@ An interval longer than `gap` is a gap: an input that says "absent", from the la
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from leadline.core.compiled import kernel
+from leadline.core.rotation import cross, load3, store3
 from leadline.data.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -24,6 +27,92 @@ if TYPE_CHECKING:
     from leadline.data.vehicle import SensorConfig
 
 INPUT_SIZE = 7  # rate 3, force 3, present
+# What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity.
+TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, MEMORY = 0, 1, 2, 5, 8, 11, 14
+USED, INVALID = int(Outcome.USED), int(Outcome.INVALID)
+NO_INTERVAL = np.zeros(0)
+
+
+@kernel()
+def turned(r, a):
+    """R a of a matrix and three numbers."""
+    return (
+        r[0, 0] * a[0] + r[0, 1] * a[1] + r[0, 2] * a[2],
+        r[1, 0] * a[0] + r[1, 1] * a[1] + r[1, 2] * a[2],
+        r[2, 0] * a[0] + r[2, 1] * a[1] + r[2, 2] * a[2],
+    )
+
+
+@kernel()
+def joined(m, rate, force, step, instant):
+    """Increments of angle and velocity of a row that follows the one before without a gap."""
+    if instant:
+        w, f = load3(m, RATE_M), load3(m, FORCE_M)
+        p, q, r = cross(w, rate), cross(w, force), cross(f, rate)
+        half, twelfth = 0.5 * step, step * step / 12.0
+        return (
+            ((w[0] + rate[0]) * half + p[0] * twelfth, (w[1] + rate[1]) * half + p[1] * twelfth, (w[2] + rate[2]) * half + p[2] * twelfth),
+            (
+                (f[0] + force[0]) * half + (q[0] + r[0]) * twelfth,
+                (f[1] + force[1]) * half + (q[1] + r[1]) * twelfth,
+                (f[2] + force[2]) * half + (q[2] + r[2]) * twelfth,
+            ),
+        )
+    a, v = (rate[0] * step, rate[1] * step, rate[2] * step), (force[0] * step, force[1] * step, force[2] * step)
+    if math.isnan(m[ANGLE_M]):
+        return a, v
+    b, u = load3(m, ANGLE_M), load3(m, VELOCITY_M)
+    p, q, r = cross(b, a), cross(b, v), cross(u, a)
+    return (
+        (a[0] + p[0] / 12.0, a[1] + p[1] / 12.0, a[2] + p[2] / 12.0),
+        (v[0] + (q[0] + r[0]) / 12.0, v[1] + (q[1] + r[1]) / 12.0, v[2] + (q[2] + r[2]) / 12.0),
+    )
+
+
+@kernel()
+def condition(time, rates, forces, interval, instant, rotation_bs, gap, m, start, data, outcome):
+    """Turn rows into inputs, remembering in `m`; returns how many inputs there are.  Without increments `interval` is empty."""
+    count = 0
+    for i in range(len(time)):
+        rate, force = turned(rotation_bs, rates[i]), turned(rotation_bs, forces[i])
+        total = rate[0] + rate[1] + rate[2] + force[0] + force[1] + force[2] + time[i]
+        if not (math.isfinite(total) and time[i] > m[TIME_M]):
+            outcome[i] = INVALID
+            continue
+        outcome[i] = USED
+        first, elapsed = math.isinf(m[TIME_M]), time[i] - m[TIME_M]
+        own = interval[i] if len(interval) else elapsed
+        broken = first or elapsed > gap
+        if broken:
+            step = interval[i] if len(interval) else m[NOMINAL_M]
+            a, v = (rate[0] * step, rate[1] * step, rate[2] * step), (force[0] * step, force[1] * step, force[2] * step)
+            if not first and not time[i] - step <= m[TIME_M] + 1e-9:
+                start[count] = m[TIME_M]
+                data[count, :] = 0.0
+                count += 1
+        else:
+            step = min(own, elapsed)
+            m[NOMINAL_M] = step
+            a, v = joined(m, rate, force, step, instant)
+        if step > 0.0:
+            start[count] = time[i] - step if broken else m[TIME_M]
+            store3(data[count], 0, (a[0] / step, a[1] / step, a[2] / step))
+            store3(data[count], 3, (v[0] / step, v[1] / step, v[2] / step))
+            data[count, 6] = 1.0
+            count += 1
+        m[TIME_M] = time[i]
+        store3(m, RATE_M, rate)
+        store3(m, FORCE_M, force)
+        store3(m, ANGLE_M, (rate[0] * step, rate[1] * step, rate[2] * step))
+        store3(m, VELOCITY_M, (force[0] * step, force[1] * step, force[2] * step))
+    return count
+
+
+def nothing_before(nominal: float) -> Array:
+    """Return the memory of a stream that has seen no row."""
+    memory = np.full(MEMORY, np.nan)
+    memory[TIME_M], memory[NOMINAL_M] = -np.inf, nominal
+    return memory
 
 
 @dataclass
@@ -32,108 +121,45 @@ class InputStream:
 
     rotation_bs: Array
     gap: float
-    nominal: float  # the usual interval (s); nan until it is known
+    nominal: float = np.nan  # the usual interval (s); nan until it is known
     latency: float = 0.0
-    last: dict[str, Array] = field(default_factory=dict)  # time (1,), rate, force (1, 3), angle, velocity (1, 3) of the row before
+    memory: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        """Start with nothing remembered."""
+        self.memory = nothing_before(self.nominal)
 
     @classmethod
     def of(cls, config: SensorConfig) -> InputStream:
         """Return the stream of a configured IMU; without a stated rate a gap is a quarter of a second."""
         rate = config.values.get("rate")
         gap = config.values.get("gap") or (2.5 / rate if rate else 0.25)
-        return cls(config.rotation_bs, gap, 1.0 / rate if rate else np.nan, config.latency)
+        return cls(np.ascontiguousarray(config.rotation_bs, float), gap, 1.0 / rate if rate else np.nan, config.latency)
 
     @property
     def covered(self) -> float:
         """The time up to which inputs are known."""
-        return float(self.last["time"][0]) if self.last else -np.inf
+        return float(self.memory[TIME_M])
 
     def push(self, table: Imu) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         """Return start times (k,), inputs (k, INPUT_SIZE), and the outcome of each row (n,), for rows in order of time.
 
         Rows that are not numbers, or do not come after the row before, give no input.
         """
+        rates, forces, interval = rates_of(table)
+        count = len(table)
+        start, data = np.empty(2 * count), np.empty((2 * count, INPUT_SIZE))
+        outcome = np.empty(count, np.int64)
         time = table.time - self.latency
-        rate, force, interval = self._rates(table)
-        good = np.asarray(np.isfinite(np.column_stack([time, rate, force])).all(axis=1), bool)
-        good[np.flatnonzero(good)] = np.diff(time[good], prepend=self.covered) > 0.0
-        outcome = np.where(good, int(Outcome.USED), int(Outcome.INVALID))
-        if not good.any():
-            return np.zeros(0), np.zeros((0, INPUT_SIZE)), outcome
-        start, data = self._inputs(table, time[good], rate[good], force[good], None if interval is None else interval[good])
-        return start, data, outcome
-
-    def _rates(self, table: Imu) -> tuple[Array, Array, Array | None]:
-        """Rates and forces in body axes (n, 3); increments are divided by their interval, which is returned too."""
-        if table.accel is not None and table.gyro is not None:
-            return turned(self.rotation_bs, table.gyro), turned(self.rotation_bs, table.accel), None
-        interval = np.asarray(table.interval)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = np.asarray(table.delta_angle) / interval[:, None]
-            force = np.asarray(table.delta_velocity) / interval[:, None]
-        return turned(self.rotation_bs, rate), turned(self.rotation_bs, force), interval
-
-    def _inputs(self, table: Imu, time: Array, rate: Array, force: Array, interval: Array | None) -> tuple[Array, Array]:
-        first = not self.last
-        before = np.concatenate([self.last.get("time", time[:1]), time[:-1]])
-        step = time - before if interval is None else np.minimum(interval, time - before)
-        gap = time - before > self.gap
-        gap[0] |= first
-        nominal = _forward_filled(np.where(gap, np.nan, step), self.nominal)
-        if interval is not None:
-            nominal = np.where(gap, interval, nominal)
-        step = np.where(gap, nominal, step)
         instant = table.accel is not None and table.sample == "instant"
-        angle, velocity = self._increments(rate, force, step, gap, instant)
-        known = np.isfinite(step) & (step > 0.0)
-        self.last = {"time": time[-1:], "rate": rate[-1:], "force": force[-1:]} | {
-            "angle": (rate * step[:, None])[-1:],
-            "velocity": (force * step[:, None])[-1:],
-        }
-        self.nominal = float(nominal[-1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rows = np.column_stack([angle / step[:, None], velocity / step[:, None], np.ones(len(time))])
-        absent = gap & (time - np.where(known, step, 0.0) > before + 1e-9)
-        absent[0] &= not first
-        start = np.concatenate([(time - step)[known & gap], before[known & ~gap], before[absent]])
-        data = np.concatenate([rows[known & gap], rows[known & ~gap], np.zeros((int(absent.sum()), INPUT_SIZE))])
-        order = np.argsort(start, kind="stable")
-        return start[order], data[order]
-
-    def _increments(self, rate: Array, force: Array, step: Array, gap: npt.NDArray[np.bool_], instant: bool) -> tuple[Array, Array]:
-        """Increments of angle and velocity (n, 3) with coning and sculling; after a gap there is no row before."""
-        dt, joined = step[:, None], ~gap[:, None]
-        if instant:
-            w, f = self._shifted("rate", rate), self._shifted("force", force)
-            angle = np.where(joined, 0.5 * (w + rate) * dt + cross(w, rate) * dt * dt / 12.0, rate * dt)
-            sculling = (cross(w, force) + cross(f, rate)) * dt * dt / 12.0
-            return angle, np.where(joined, 0.5 * (f + force) * dt + sculling, force * dt)
-        a, v = rate * dt, force * dt
-        a0, v0 = self._shifted("angle", a), self._shifted("velocity", v)
-        joined = joined & np.isfinite(a0[:, :1])
-        angle = np.where(joined, a + cross(a0, a) / 12.0, a)
-        return angle, np.where(joined, v + (cross(a0, v) + cross(v0, a)) / 12.0, v)
-
-    def _shifted(self, name: str, value: Array) -> Array:
-        """The same quantity one row earlier."""
-        return np.concatenate([self.last.get(name, value[:1]), value[:-1]])
+        made = condition(time, rates, forces, interval, instant, self.rotation_bs, self.gap, self.memory, start, data, outcome)
+        return start[:made], data[:made], outcome
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Vector product of rows (n, 3); by element, so that one row gives the same bits as many."""
-    return np.stack(
-        [a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2], a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1
-    )
-
-
-def turned(rotation: Array, vectors: Array) -> Array:
-    """Rows R v (n, 3); by element, so that one row gives the same bits as many."""
-    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    return np.stack([rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)], axis=1)
-
-
-def _forward_filled(values: Array, before: float) -> Array:
-    """Replace nan by the last number before it."""
-    padded = np.concatenate([[before], values])
-    index = np.maximum.accumulate(np.where(np.isfinite(padded), np.arange(len(padded)), 0))
-    return padded[index][1:]
+def rates_of(table: Imu) -> tuple[Array, Array, Array]:
+    """Return rates and forces (n, 3) in the sensor frame, and the intervals of increments (n,), empty without."""
+    if table.accel is not None and table.gyro is not None:
+        return table.gyro.copy(), table.accel.copy(), NO_INTERVAL
+    interval = np.asarray(table.interval).copy()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(table.delta_angle) / interval[:, None], np.asarray(table.delta_velocity) / interval[:, None], interval
