@@ -232,8 +232,9 @@ class NeesEvidence:
 def nees_evidence(whitened: ArrayLike, block: str) -> NeesEvidence:
     """Return the evidence of whitened errors P^-1/2 e, of shape (times, dof) for one run or (runs, times, dof).
 
-    Runs are independent; the times of a run count as n / (1 + 2 sum r_k^2), with r_k the autocorrelation of the whitened errors about
-    zero (the NEES of a Gaussian error is correlated as its square), which does not depend on the scale of the errors.
+    Runs are independent; the times of a run count as n / (1 + 2 sum r_k), with r_k the square of the autocorrelation of the whitened
+    errors about zero (the NEES of a Gaussian error is correlated as its square), or the autocorrelation of the NEES about its own mean,
+    whichever leaves fewer: an error that keeps its size and changes its sign fools the first, one that never changes the second.
     """
     z = np.asarray(whitened, float)
     z = z[None] if z.ndim == 2 else z
@@ -243,10 +244,11 @@ def nees_evidence(whitened: ArrayLike, block: str) -> NeesEvidence:
     if not runs:
         return NeesEvidence(block, dof, nan, 0.0)
     shortest = min(map(len, runs))
-    correlation = np.mean([autocorrelation(run)[:shortest] for run in runs], axis=0)
     total = sum(map(len, runs))
     mean = float(sum(np.sum(run**2) for run in runs)) / total
-    return NeesEvidence(block, dof, mean, effective_size(correlation**2, total))
+    of_errors = np.mean([autocorrelation(run)[:shortest] for run in runs], axis=0) ** 2
+    of_nees = np.mean([autocorrelation(np.sum(run**2, axis=1) - mean)[:shortest] for run in runs], axis=0)
+    return NeesEvidence(block, dof, mean, min(effective_size(of_errors, total), effective_size(of_nees, total)))
 
 
 def innovation_evidence(innovations: Innovations) -> Iterator[Evidence]:

@@ -60,7 +60,7 @@ from leadline.models.layout import (
     X,
     retract,
 )
-from leadline.models.view import ATTITUDE_T, POSITION_T, TANGENT, VIEW_SIZE
+from leadline.models.view import ATTITUDE_T, POSITION_T, RATE_T, RATE_VARIANCE_V, TANGENT, VIEW_SIZE
 
 USED, GATED, INVALID = 0, 1, 2  # of data/outcome.py
 SYMMETRISE = 0.1  # times a second: asymmetry grows by rounding alone, to 1e-9 of a sigma in a day if nothing is done
@@ -150,6 +150,16 @@ def fill_jacobian(plan, params, state, channel, row, Hv, Hn, view, H):
             H[a, i + 3 : i + 6] = Hv[a, TANGENT + ATTITUDE_T : TANGENT + ATTITUDE_T + 3]
 
 
+@kernel()
+def add_rate_noise(R, Hv, variance, c):
+    """R <- R + J J^T variance, with J the Jacobian against the rate: a lever arm turns the noise of the gyro into velocity."""
+    if variance > 0.0:
+        for a in range(c):
+            for b in range(c):
+                for k in range(RATE_T, RATE_T + 3):
+                    R[a, b] += variance * Hv[a, k] * Hv[b, k]
+
+
 @kernel(UPDATE)
 def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, result):
     """Judge the whole measurement against the gate, then use it."""
@@ -161,6 +171,7 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, result
         plan[VIEW_AT], state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS], params[plan[MOTION_PARAMS] : plan[MOTION_END]], view
     )
     fill_jacobian(plan, params, state, channel, row, Hv, Hn, view, H)
+    add_rate_noise(R, Hv, view[RATE_VARIANCE_V], c)
     w = (n + 7) // 8 * 8
     for a in range(c):
         y[a] = row[a] - Z[0, a]

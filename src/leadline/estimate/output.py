@@ -9,7 +9,7 @@ import numpy as np
 from leadline.core import attitude, geodesy
 from leadline.data.solution import Estimate, Innovations, Solution, Status
 from leadline.estimate import plan as at
-from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, VELOCITY_V, VIEW_SIZE
+from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, RATE_VARIANCE_V, VELOCITY_V, VIEW_SIZE
 
 if TYPE_CHECKING:
     from leadline.data.log import Log, Origin
@@ -58,7 +58,7 @@ def unpacked(packed: Array) -> Array:
 def shifted(view: Array, covariance: Array, lever_b: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return latitude, longitude, height, velocity, quaternion, covariance of the point at `lever_b`, turned to north-east-down.
 
-    p' = p + R l,  v' = v + R (w x l);  errors: dp' = dp - [R l]x dtheta,  dv' = dv - [R (w x l)]x dtheta.
+    p' = p + R l,  v' = v + R (w x l);  errors: dp' = dp - [R l]x dtheta,  dv' = dv - [R (w x l)]x dtheta - [R l]x (noise of w).
     """
     rotation_en = attitude.matrix_from_quaternion(view[:, PLACE_V:HEIGHT_V])
     rotation_nb = attitude.matrix_from_quaternion(view[:, QUATERNION_V:RATE_V])
@@ -76,7 +76,10 @@ def shifted(view: Array, covariance: Array, lever_b: Array) -> tuple[Array, Arra
     jacobian[:, 0:3, 6:9] = -turn @ _skew(lever)
     jacobian[:, 3:6, 6:9] = -turn @ _skew(turning)
     quaternion = attitude.product(north, view[:, QUATERNION_V:RATE_V])
-    return latitude, longitude, height, velocity, quaternion, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    moved = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    arm = _skew(np.einsum("nij,nj->ni", turn, lever))
+    moved[:, 3:6, 3:6] += view[:, RATE_VARIANCE_V, None, None] * arm @ np.swapaxes(arm, 1, 2)
+    return latitude, longitude, height, velocity, quaternion, moved
 
 
 def _geographic(rotation_en: Array) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from leadline.core.compiled import NUISANCES, SLOT_NUISANCE
 from leadline.models.layout import LAYOUT_END
+from leadline.models.view import VIEW_SIZE
 
 # Addresses of machine code, and ranges in `params`.
 STEP_AT, PUSH_AT, NOISE_AT, VIEW_AT, PULL_AT, PROPAGATE_AT, POINTS_AT, UPDATE_AT = range(LAYOUT_END, LAYOUT_END + 8)
@@ -17,4 +18,4 @@ IS_INPUT, IS_OUTPUT, IS_CLONE, IS_DROP, IS_MARK = -1, -2, -3, -4, -5
 # What an update leaves in `result`.
 NIS, RESIDUAL, SIGMA, RESULT_SIZE = 0, 1, 9, 17
 # What one output holds: view, packed covariance of position, velocity, attitude; then x and the variances of its errors.
-OUT_VIEW, OUT_COV, OUT_X = 0, 21, 21 + 45
+OUT_VIEW, OUT_COV, OUT_X = 0, VIEW_SIZE, VIEW_SIZE + 45

@@ -20,7 +20,7 @@ from leadline.estimate.events import Batch, Events, Screen, measurements, ordere
 from leadline.estimate.navigator import Navigator, Results
 from leadline.estimate.output import solution_of
 from leadline.estimate.start import Start, origin_of, start_of
-from leadline.models.imu import InputStream
+from leadline.models.imu import InputStream, rates_of
 from leadline.models.inertial import inertial
 from leadline.models.layout import MOST_CLONES
 from leadline.models.sensor import Context, compose
@@ -121,7 +121,7 @@ def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
     imu = vehicle[vehicle.process.imu]
     rotation = attitude.matrix_from_quaternion(start.quaternion_nb)
     lever = rotation @ imu.lever_arm_b
-    turning = rotation @ np.cross(_first_rate(log, vehicle, start.time), imu.lever_arm_b)
+    turning = rotation @ np.cross(_first_rate(log, vehicle, start), imu.lever_arm_b)
     place = geodesy.ecef_from_geodetic(start.latitude, start.longitude, start.height)
     point = place + geodesy.rotation_en(start.latitude, start.longitude) @ lever
     latitude, longitude, height = geodesy.geodetic_from_ecef(point)
@@ -139,13 +139,17 @@ def _skew(a: Array) -> Array:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
-def _first_rate(log: Log, vehicle: Vehicle, time: float) -> Array:
-    """Angular rate of the body at the start (3,), as the IMU has it; zero where it says nothing."""
+def _first_rate(log: Log, vehicle: Vehicle, start: Start) -> Array:
+    """Angular rate of the body against the Earth at the start (3,): a line through the gyro's rows of a fifth of a second."""
     imu, config = _imu_table(log, vehicle), vehicle[vehicle.process.imu]
-    if imu.gyro is None:
+    rates, _, _ = rates_of(imu)
+    near = np.isfinite(rates).all(axis=1) & (np.abs(imu.time - start.time) < 0.1)
+    if not near.any():
         return np.zeros(3)
-    near = np.isfinite(imu.gyro).all(axis=1) & (np.abs(imu.time - time) < 0.5)
-    return np.asarray(config.rotation_bs @ imu.gyro[near].mean(axis=0)) if near.any() else np.zeros(3)
+    time = imu.time[near] - start.time
+    line = np.polynomial.polynomial.polyfit(time, rates[near], min(1, len(np.unique(time)) - 1))
+    earth = np.array([np.cos(start.latitude), 0.0, -np.sin(start.latitude)]) * geodesy.EARTH_RATE
+    return np.asarray(config.rotation_bs @ line[0] - attitude.matrix_from_quaternion(start.quaternion_nb).T @ earth)
 
 
 def _imu_table(log: Log, vehicle: Vehicle) -> Imu:

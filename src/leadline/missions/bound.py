@@ -22,7 +22,7 @@ from leadline.estimate import plan as at
 from leadline.estimate.output import shifted
 from leadline.estimate.solve import navigator_for, stream_of
 from leadline.models.layout import INPUTS
-from leadline.models.view import TANGENT, VIEW_SIZE
+from leadline.models.view import RATE_T, RATE_VARIANCE_V, TANGENT, VIEW_SIZE
 from leadline.simulate.dive import StartSigmas, initial
 from leadline.simulate.instruments import Dvl
 
@@ -183,6 +183,8 @@ class Walk:
         z, noise = np.zeros(COMPONENTS), np.zeros((COMPONENTS, COMPONENTS))
         by_view, by_nuisance = np.zeros((COMPONENTS, 2 * TANGENT)), np.zeros((COMPONENTS, NUISANCES))
         channel.predict(view, known, row, channel.parameters, z, noise, by_view, by_nuisance)
+        by_rate = by_view[:, RATE_T : RATE_T + 3]
+        noise += view[RATE_VARIANCE_V] * by_rate @ by_rate.T  # the gyro's noise at the end of a lever arm
         jacobian = np.zeros((COMPONENTS, WIDE))
         process.pull(self.x, self.u, process.parameters, view, by_view, jacobian, count)
         for k, i in enumerate(index):

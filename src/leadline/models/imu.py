@@ -4,7 +4,8 @@ An input acts from the start of its interval.  Rows may be means over (previous,
 and v = force dt over the interval, and the same of the interval before (prime),
     mean, increment:  a + a' x a / 12,                     v + (a' x v + v' x a) / 12
     instant:          (w' + w) dt / 2 + w' x w dt^2 / 12,  and likewise with forces                 (linear motion in between)
-Source: Savage (1998), Strapdown inertial navigation integration algorithm design, parts 1 and 2; error of order dt^4.
+Means and increments are of third order, instants of second (tests/test_noise_free.py).
+Source: Savage (1998), Strapdown inertial navigation integration algorithm design, parts 1 and 2.
 An interval longer than `gap` is a gap: an input that says "absent", from the last row to the start of the next.
 """
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from leadline.data.records import Array, Imu
     from leadline.data.vehicle import SensorConfig
 
-INPUT_SIZE = 7  # rate 3, force 3, present
+INPUT_SIZE = 8  # rate 3, force 3, present, interval
 # What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity.
 TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, MEMORY = 0, 1, 2, 5, 8, 11, 14
 USED, INVALID = int(Outcome.USED), int(Outcome.INVALID)
@@ -98,7 +99,7 @@ def condition(time, rates, forces, interval, instant, rotation_bs, gap, m, start
             start[count] = time[i] - step if broken else m[TIME_M]
             store3(data[count], 0, (a[0] / step, a[1] / step, a[2] / step))
             store3(data[count], 3, (v[0] / step, v[1] / step, v[2] / step))
-            data[count, 6] = 1.0
+            data[count, 6], data[count, 7] = 1.0, step
             count += 1
         m[TIME_M] = time[i]
         store3(m, RATE_M, rate)

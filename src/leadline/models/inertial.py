@@ -37,7 +37,7 @@ from leadline.core.rotation import (
 )
 from leadline.models.layout import Block, Part
 from leadline.models.process import Process
-from leadline.models.view import ATTITUDE_T, FORCE, FORCE_T, POSITION_T, RATE, RATE_T, VELOCITY, VELOCITY_T
+from leadline.models.view import ATTITUDE_T, FORCE, FORCE_T, POSITION_T, RATE, RATE_T, RATE_VARIANCE_V, VELOCITY, VELOCITY_T
 
 if TYPE_CHECKING:
     from leadline.data.vehicle import SensorConfig
@@ -51,7 +51,7 @@ PARTS = (
 )
 # Places in the nominal state, the input, the parameters and the memory that `step` leaves for `push` and `noise`.
 P, H, V, Q, BG, BA = 0, 4, 5, 8, 12, 15
-RATE_U, FORCE_U, PRESENT_U = 0, 3, 6
+RATE_U, FORCE_U, PRESENT_U, INTERVAL_U = 0, 3, 6, 7
 SURFACE, ACCEL_DENSITY, GYRO_DENSITY, BG_RATE, BG_DENSITY, BA_RATE, BA_DENSITY, GAP_ACCEL, GAP_RATE, PARAMETERS = range(10)
 C_M, FORCE_M, W_IN_M, CORIOLIS_M, CURVE_M, GRADIENT_M, PRESENT_M, DECAY_M = 0, 9, 12, 15, 18, 21, 22, 23
 
@@ -174,7 +174,7 @@ def noise(m, dt, params, P):
 
 @kernel(VIEW)
 def view(x, u, params, out):
-    """Place, velocity, attitude; rate = gyro - bias - R^T w_in; force = accelerometer - bias.  No velocity through the water."""
+    """Place, velocity, attitude; rate = gyro - bias - R^T w_in, with the gyro's noise over the interval; force = accelerometer - bias."""
     for i in range(12):
         out[i] = x[i]
     axis = third_row(x[P], x[P + 1], x[P + 2], x[P + 3])
@@ -185,6 +185,7 @@ def view(x, u, params, out):
         out[12 + i] = u[RATE_U + i] - x[BG + i] - w[i] if present else 0.0
         out[15 + i] = u[FORCE_U + i] - x[BA + i] if present else 0.0
         out[18 + i] = 0.0
+    out[RATE_VARIANCE_V] = params[GYRO_DENSITY] / u[INTERVAL_U] if present else 0.0
 
 
 @kernel(PULL)

@@ -3,6 +3,9 @@
 A view is a flat array, so that kernels pass it on at no cost; `NavigationView` gives its parts their names for sensors written in
 plain Python.  It holds for the process model's reference point (the IMU for `inertial`); lever arms reach sensors counted from it.
 
+A rate that comes from an input and not from the state brings the variance of its noise along (per axis): what a sensor makes of that
+rate is as uncertain, and the estimator adds it to the sensor's own noise.
+
 Its tangent space (what Jacobians are taken against) has 18 directions: position (m along the navigation frame), velocity,
 attitude (rotation vector in the navigation frame, on the left), rate, specific force, velocity through the water.
 """
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
     from leadline.data.records import Array
 
 # Places in a view ...
-PLACE_V, HEIGHT_V, VELOCITY_V, QUATERNION_V, RATE_V, FORCE_V, WATER_V, VIEW_SIZE = 0, 4, 5, 8, 12, 15, 18, 21
+PLACE_V, HEIGHT_V, VELOCITY_V, QUATERNION_V, RATE_V, FORCE_V, WATER_V, RATE_VARIANCE_V, VIEW_SIZE = 0, 4, 5, 8, 12, 15, 18, 21, 22
 # ... and in its tangent space.
 POSITION_T, VELOCITY_T, ATTITUDE_T, RATE_T, FORCE_T, WATER_T, TANGENT = 0, 3, 6, 9, 12, 15, 18
 
@@ -115,7 +118,7 @@ class NavigationView:
     @property
     def velocity_water_n(self) -> Array:
         """Velocity through the water, navigation frame (m/s)."""
-        return self.array[WATER_V:VIEW_SIZE]
+        return self.array[WATER_V:RATE_VARIANCE_V]
 
     @property
     def rate_b(self) -> Array:
