@@ -17,7 +17,8 @@ from leadline.data.log import Origin
 from leadline.models.inertial import inertial
 from leadline.models.layout import Layout, difference, retract
 from leadline.models.nuisance import Nuisance
-from leadline.models.sensor import Channel, Context, compose
+from leadline.models.sensor import Channel, Context
+from leadline.models.sensors import compose
 from leadline.models.view import TANGENT, VIEW_SIZE, retract_view, view_of
 
 ABOARD = """
@@ -190,7 +191,7 @@ def random_motion(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarra
     view = random_view(generator)
     x = np.concatenate([view[0:12], generator.normal(0.0, 1e-4, 3), generator.normal(0.0, 1e-2, 3)])
     force = attitude.matrix_from_quaternion(view[8:12]).T @ np.array([0.0, 0.0, -9.8]) + generator.normal(0.0, 1.0, 3)
-    return x, np.array([*generator.normal(0.0, 0.3, 3), *force, 1.0, 0.0])
+    return x, np.array([*generator.normal(0.0, 0.3, 3), *force, 1.0, 0.01])
 
 
 def shifted(x: np.ndarray, j: int, h: float) -> np.ndarray:

@@ -276,3 +276,24 @@ def test_bound_of_two_epochs_is_refused():
     recorder = Recorder(survey(PLACE, PLAN, duration=20.0), instruments_of(used, beacons=BEACONS), truth_rate=0.1, start=START)
     with pytest.raises(InputError, match="two epochs"):
         bound_of(recorder, used, recorder.truth.time)
+
+
+def table(mission):
+    """Yield the rows of the table of docs/accuracy.md for one set of seeds."""
+    for name in VEHICLES:
+        study = monte_carlo(survey(PLACE, PLAN, duration=1800.0), vehicle(name), range(RUNS), start=START, mission=mission, processes=2)
+        blocks = ("position", "velocity", "attitude")
+        nees = " / ".join(f"{np.mean(study.nees(block)):.2f}" for block in blocks)
+        band = " / ".join(f"{study.in_band(block).estimate:.2f}" for block in blocks)
+        ratio = ", ".join(f"{interval.estimate:.2f}" for interval in study.efficiency())
+        verdicts = {verdict.answer.name.lower() for verdict in study.verdicts()}
+        yield f"| {name} | {mission} | {nees} | {band} | {ratio} | {', '.join(sorted(verdicts))} |"
+
+
+if __name__ == "__main__":
+    import sys
+
+    print("| vehicle | seeds | NEES (3) position / velocity / attitude | share in band | RMSE over bound, nine errors | verdicts |")
+    print("|---|---|---|---|---|---|")
+    for seeds in sys.argv[1:] or ["survey"]:
+        print("\n".join(table(seeds)), flush=True)

@@ -433,8 +433,9 @@ def python_dvl(config: SensorConfig, context: Context) -> Sensor:
     states = nuisances(config, "scale", 1, "1") + nuisances(config, "mounting", 3, "rad", "sensor")
 
     def predict(views: Any, nuisance: Any, row: Any) -> Any:
-        y = config.rotation_bs.T @ (views[0].rotation_nb.T @ views[0].velocity_n + np.cross(views[0].rate_b, lever))
-        return (1 + nuisance[0]) * (y - np.cross(nuisance[1:4], y)), noise
+        y = config.rotation_bs.T @ views[0].rotation_nb.T @ views[0].velocity_n
+        arm = config.rotation_bs.T @ np.cross(views[0].rate_b, lever)
+        return (1 + nuisance[0]) * (y - np.cross(nuisance[1:4], y)) + arm, noise
 
     def read(table: Any) -> Any:
         return reading(table, finite_rows(0, table.velocity, usable(table)))

@@ -106,7 +106,7 @@ def test_mechanisation(latitude: float) -> None:
     for e, dt in zip(inputs, np.diff(np.maximum(events.time[inputs], 0.0), append=600.0), strict=True):
         twin.input = events.data[events.start[e] : events.start[e + 1]]
         if dt > 0.0:
-            process.step(x, np.append(twin.input, 0.0), dt, process.parameters, memory)
+            process.step(x, twin.input, dt, process.parameters, memory)
             twin.mechanise(dt)
     error = np.abs(nominal(layout, x) - twin.x)
     assert len(inputs) > 14_990

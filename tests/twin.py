@@ -198,7 +198,7 @@ class Twin:
         self.nuisances, self.constants = x[18 : 18 + len(self.names)].copy(), layout.nuisances
         self.P = state[layout.covariance].reshape(layout.error, -1)[:n, :n].copy()
         self.clones: list[tuple[float, Pose]] = []
-        self.input = np.zeros(7)
+        self.input = np.zeros(8)
         self.outputs: list[tuple[np.ndarray, np.ndarray]] = []
         self.noise = process_noise(aboard)
         self.gates = [chi2.ppf(slot.gate_probability, len(slot.channel.components)) for slot in composition.slots]
@@ -370,17 +370,20 @@ class Twin:
         c, w_in = self.pose.nb, self.pose.en.T @ EARTH + self.pose.turning @ self.velocity
         (scale, at), twist = self.value("dvl.scale"), [self.value(f"dvl.mounting_{axis}") for axis in "xyz"]
         rate = self.input[0:3] - self.gyro_bias - c.T @ w_in if self.input[6] else np.zeros(3)
-        y = self.vehicle["dvl"].rotation_bs.T @ (c.T @ self.velocity + np.cross(rate, lever_b))
+        to_sensor = self.vehicle["dvl"].rotation_bs.T
+        y, arm = to_sensor @ c.T @ self.velocity, to_sensor @ skew(lever_b)  # velocity; and -arm @ rate: of the transducer against it
         e = np.array([value for value, _ in twist])
-        a = (1.0 + scale) * (np.eye(3) - skew(e)) @ self.vehicle["dvl"].rotation_bs.T
+        a = (1.0 + scale) * (np.eye(3) - skew(e)) @ to_sensor
         H[:, 3:6] = a @ c.T
-        H[:, 6:9] = a @ (c.T @ skew(self.velocity) + skew(lever_b) @ c.T @ skew(w_in))  # of the rate: by attitude and gyro bias alone
-        H[:, 9:12] = a @ skew(lever_b)
+        H[:, 6:9] = a @ c.T @ skew(self.velocity) + arm @ c.T @ skew(w_in)  # of the rate: by attitude and gyro bias alone
+        H[:, 9:12] = arm
         self._nuisance(H, at, y - np.cross(e, y))
         for i, (_, index) in enumerate(twist):
             self._nuisance(H, index, (1.0 + scale) * skew(y)[:, i])
         xx, yy, zz, xy, xz, yz = row[3:9]
-        return H, row[:3] - (1.0 + scale) * (y - np.cross(e, y)), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        shaken = self.vehicle["imu"].value("gyro_noise") ** 2 / self.input[7] if self.input[6] else 0.0
+        noise = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + shaken * arm @ arm.T
+        return H, row[:3] - (1.0 + scale) * (y - np.cross(e, y)) + arm @ rate, noise
 
     def _range(self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Half of the way back, at the pose of now, and half of the way there, at the clone."""

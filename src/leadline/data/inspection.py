@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from leadline.data.records import UNITS, Other, Table, expand
+from leadline.data.finding import Finding, numeric_columns, value_fields
+from leadline.data.records import Other, Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,16 +19,6 @@ if TYPE_CHECKING:
 
 GAP = 3.0  # an interval this many times the median one is a gap
 RUNS = 10  # so many runs of equal values show that a value is held
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that a person should know: `severity` is problem (mend it), suspicion (look at it) or note."""
-
-    severity: str
-    table: str
-    sentence: str
-    numbers: Mapping[str, float] = field(default_factory=dict)  # keys end in their unit
 
 
 @dataclass(frozen=True)
@@ -94,26 +85,6 @@ def inspect(log: Log) -> Inspection:
     findings += suspicions(log)
     order = ("problem", "suspicion", "note")
     return Inspection(log.name, tables, tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
-
-
-def numeric_columns(table: Table) -> Iterator[tuple[str, str, Array]]:
-    """Yield field, file column and values, in the unit that the column's name ends in, of all columns that hold numbers."""
-    for item in table.columns():
-        value, pattern = getattr(table, item.name), item.metadata["pattern"]
-        if value is None or item.metadata["text"]:
-            continue
-        parts = value.T if value.ndim > 1 else [value]
-        names = [pattern.replace("{i}", str(i + 1)) for i in range(len(parts))] if "{i}" in pattern else expand(pattern, [])
-        for name, part in zip(names, parts, strict=True):
-            yield item.name, name, part / UNITS.get(name.rpartition("_")[2], 1.0)
-    yield from ((name, name, np.asarray(v, float)) for name, v in table.extra.items() if v.dtype.kind == "f")
-
-
-def value_fields(table: Table) -> list[str]:
-    """Return the fields that hold what the sensor measures: those that the kind requires, or one of its alternatives."""
-    needed = {item.name for item in table.columns() if item.metadata["required"] and not item.metadata["text"]}
-    needed |= {name for group in table.alternatives for name in group}
-    return [name for name in sorted(needed - {"time"}) if getattr(table, name) is not None]
 
 
 def _facts(table: Table) -> Facts:

@@ -23,7 +23,8 @@ from leadline.estimate.start import Start, origin_of, start_of
 from leadline.models.imu import InputStream, rates_of
 from leadline.models.inertial import inertial
 from leadline.models.layout import MOST_CLONES
-from leadline.models.sensor import Context, compose
+from leadline.models.sensor import Context
+from leadline.models.sensors import compose
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

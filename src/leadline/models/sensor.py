@@ -12,7 +12,6 @@ first view is at the row's time, the second at its `earlier` epoch.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -151,35 +150,3 @@ def nuisances(config: SensorConfig, name: str, axes: int, unit: str, frame: str 
         Nuisance(f"{config.name}.{name}{axis}", float(value), float(s), prior.tau, steady, prior.walk, unit, frame)
         for axis, value, s in zip(AXES[axes], np.broadcast_to(prior.value, axes), sigma, strict=True)
     )
-
-
-def compose(config: SensorConfig, context: Context) -> Sensor | None:
-    """Compose a sensor: a user's own by its `model`, else the model of its kind; None where no model uses that kind (yet).
-
-    Raises InputError when a user's model cannot be imported.
-    """
-    from leadline.models.sensors import acoustic_range, attitude, depth, dvl, heading, position, zero_velocity
-
-    by_kind: Mapping[str, Callable[[SensorConfig, Context], Sensor]] = {
-        "dvl": dvl.compose,
-        "depth": depth.compose,
-        "heading": heading.compose,
-        "attitude": attitude.compose,
-        "gnss": position.compose_gnss,
-        "position_fix": position.compose_fix,
-        "zero_velocity": zero_velocity.compose,
-        "acoustic_range": acoustic_range.compose,
-    }
-    if config.model is not None:
-        return _imported(config)(config, context)
-    return by_kind[config.kind](config, context) if config.kind in by_kind else None
-
-
-def _imported(config: SensorConfig) -> Callable[[SensorConfig, Context], Sensor]:
-    module, _, name = (config.model or "").partition(":")
-    try:
-        found: Callable[[SensorConfig, Context], Sensor] = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        right = "'package.module:function' that makes a leadline.models.sensor.Sensor"
-        raise InputError(f"sensors.{config.name}.model", f"'{config.model}' cannot be imported ({error})", right) from error
-    return found
