@@ -494,6 +494,7 @@ def test_what_does_not_fit_is_refused(log: Log, case: str) -> None:
     if case == "states":
         more = "[sensors.attitude.nuisance]\nbias = { sigma_deg = 1.0 }"
         aboard = vehicle(*SENSORS[:3], *SENSORS[4:], "attitude", nuisances=("dvl", "depth", "heading", "ranges"), more=more)
+        aboard = replace(aboard, process=replace(aboard.process, clones=3))
     elif case == "components":
         aboard = replace(ABOARD, sensors={**ABOARD.sensors, "depth": replace(ABOARD["depth"], model="test_stream:python_wide")})
     else:

@@ -105,6 +105,9 @@ def prepared(log: Log, aboard: Vehicle, rate: float = 1.0) -> tuple[Navigator, S
     return navigator, stream_of(log, aboard, navigator, rate=rate)
 
 
+WATER = 4 * pi * 6.6743e-11 * 1028.0  # what a layer of sea water takes off the gradient of gravity, s^-2
+
+
 def skew(a: Any) -> np.ndarray:
     """Matrix of the vector product: skew(a) b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
@@ -162,14 +165,18 @@ class Pose:
         """Heading clockwise from true north."""
         return self.wander + atan2(self.nb[1, 0], self.nb[0, 0])
 
+    @property
+    def north_turning(self) -> np.ndarray:
+        """How the wander angle grows with a move along n (rad/m): tan(latitude) / R per metre to the east."""
+        latitude = np.arcsin(-self.en[2, 2])
+        return np.tan(latitude) / self.radii[1] * np.array([sin(self.wander), cos(self.wander), 0.0])
+
     def gravity(self, surface: float) -> float:
         """Somigliana, second order in height, less the attraction of the water above."""
         s2, f, m = self.en[2, 2] ** 2, 1.0 - sqrt(1.0 - E2), 3.449786506841e-3
         normal = 9.7803253359 * (1.0 + 1.931852652458e-3 * s2) / sqrt(1.0 - E2 * s2)
         h = self.height / A
-        return normal * (1.0 - 2.0 * (1.0 + f + m - 2.0 * f * s2) * h + 3.0 * h * h) - 4 * pi * 6.6743e-11 * 1028.0 * max(
-            surface - self.height, 0.0
-        )
+        return normal * (1.0 - 2.0 * (1.0 + f + m - 2.0 * f * s2) * h + 3.0 * h * h) - WATER * max(surface - self.height, 0.0)
 
     def moved(self, d: np.ndarray) -> np.ndarray:
         """Move by d (m) along n; returns the new place."""
@@ -251,8 +258,11 @@ class Twin:
         force, w_in, w_coriolis, turning, gravity = self.mechanise(dt)
         f = np.zeros((15, 15))
         f[0:3, 3:6] = np.eye(3)
-        f[3:6, 3:6], f[3:6, 6:9], f[5, 2] = -skew(w_coriolis), -skew(force), 2.0 * gravity * curvature
+        f[3:6, 3:6], f[3:6, 6:9] = -skew(w_coriolis), -skew(force)
+        f[5, 2] = 2.0 * gravity * curvature - (WATER if self.pose.height < self.surface else 0.0)
         f[6:9, 3:6], f[6:9, 6:9] = -turning, -skew(w_in)
+        if not self.input[6]:
+            f[3:9] = 0.0
         if self.input[6]:
             f[3:6, 12:15] = f[6:9, 9:12] = -rotation_nb
         n, k = len(self.P), len(self.names)
@@ -334,6 +344,7 @@ class Twin:
         if name == "heading":
             bias, at = self.value("heading.bias")
             ahead = self.pose.nb[:, 0]
+            H[0, 0:3] = self.pose.north_turning
             H[0, 6:9] = np.array([-ahead[1], ahead[0], 0.0]) @ -skew(ahead) / (ahead[0] ** 2 + ahead[1] ** 2)
             self._nuisance(H, at, 1.0)
             return H, (row[:1] - self.pose.heading - bias + pi) % (2 * pi) - pi, np.diag(row[1:2])
@@ -355,6 +366,7 @@ class Twin:
         e = Rotation.from_matrix(north @ self.pose.nb @ matrix_of(row[3:7]).T).as_rotvec()
         bias = [self.value(f"attitude.bias_{axis}") for axis in "xyz"]
         H[:, 6:9] = level @ (np.eye(3) - skew(e) / 2 + skew(e) @ skew(e) / 12) @ north
+        H[:, 0:3] = np.outer(H[:, 8], self.pose.north_turning)
         for i, (_, index) in enumerate(bias):
             self._nuisance(H, index, np.eye(3)[i])
         return H, -level @ e - [value for value, _ in bias], np.diag(row[9:12])

@@ -158,6 +158,14 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     _impl_class = _KernelCacheImpl
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load compiled code; a cache that cannot be read costs a compilation, nothing else."""
+        try:
+            return super().load_overload(sig, target_context)
+        except OSError:
+            self.disable()
+            return None
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save compiled code; a read-only or full disk costs time at the next start, nothing else."""
         try:
@@ -179,15 +187,18 @@ def source_hash(module: str) -> str:
 def _sources(module: str) -> set[Path]:
     """Return the source files that a module is built on, itself included: import statements followed to the end."""
     packages = {module.partition(".")[0], "leadline"}
+    start = _file_of(module)
+    beside = start.parent if start is not None and "." not in module and start.name != "__init__.py" else None  # modules without a package
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        path = _file_of(name)
-        if name in found or path is None:
+        ours = name.partition(".")[0] in packages
+        path = _file_of(name) if ours or beside is not None else None
+        if name in found or path is None or not (ours or (beside is not None and path.is_relative_to(beside))):
             continue
         found[name] = path
-        waiting += [n for n in _imports(ast.parse(path.read_text()), name) if n.partition(".")[0] in packages]
+        waiting += _imports(ast.parse(path.read_text()), name, path.name == "__init__.py")
     return set(found.values())
 
 
@@ -202,13 +213,14 @@ def _file_of(module: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 
 
-def _imports(tree: ast.AST, module: str) -> Iterator[str]:
-    """Yield the names of all modules that a source may import, relative imports resolved."""
+def _imports(tree: ast.AST, module: str, package: bool) -> Iterator[str]:
+    """Yield the names of all modules that a source may import, relative imports resolved (those of a package start at itself)."""
+    parts = module.split(".")
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = module.split(".")[: -node.level] if node.level else []
+            base = parts[: len(parts) + package - node.level] if node.level else []
             name = ".".join([*base, node.module] if node.module else base)
             yield name
             yield from (f"{name}.{alias.name}" for alias in node.names)

@@ -90,6 +90,14 @@ def earth_fixed(x, at):
 
 
 @kernel()
+def wander_slope(axis, height):
+    """How the angle of the navigation frame against north changes with a level move (rad/m): tan(latitude) / R, along east."""
+    k = curvature(axis, height)
+    share = -axis[2] * k[0] / (axis[0] * axis[0] + axis[1] * axis[1])
+    return -axis[1] * share, axis[0] * share
+
+
+@kernel()
 def level_angle(axis, b0, b1):
     """Angle clockwise from true north of the level direction (b0, b1) of the navigation frame."""
     return math.atan2(b1 * axis[0] - b0 * axis[1], b0 * axis[0] + b1 * axis[1])

@@ -16,7 +16,7 @@ from leadline.core import compiled
 from leadline.core.compiled import COMPONENTS, NUISANCES, SLOT_NUISANCE, WIDE
 from leadline.data.errors import InputError
 from leadline.estimate import plan as at
-from leadline.models.layout import Layout
+from leadline.models.layout import CLONE_ERROR, Layout
 from leadline.models.view import TANGENT, VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -50,6 +50,9 @@ class Composition:
         self.slots = tuple(Slot(s.config.name, c, s.config.gate_probability) for s in sensors for c in s.channels)
         for slot in self.slots:
             _check(slot, process)
+            if slot.channel.epochs == 2 and clones == 0:
+                where = f"sensors.{slot.sensor}"
+                raise InputError(where, "looks at an earlier pose, and there are no clones", "set process.clones to 1 or more")
         self.layout = Layout(process.parts, _states(self.slots), clones, len(self.slots))
         self.first_slot = dict(zip((s.config.name for s in sensors), _starts(sensors), strict=True))
         self.params, self.plan = self._compile()
@@ -113,6 +116,13 @@ class Workspace:
 def output_size(layout: Layout) -> int:
     """Return how many numbers one output holds."""
     return at.OUT_X + layout.motion_nominal + len(layout.nuisances) + layout.fixed
+
+
+def room_for_clones(process: Process, sensors: tuple[Sensor, ...]) -> int:
+    """Return how many clones fit beside the motion and the nuisances of sensors; at least one is always asked for."""
+    slots = tuple(Slot(s.config.name, c, s.config.gate_probability) for s in sensors for c in s.channels)
+    fixed = sum(part.size for part in process.parts) + len(_states(slots))
+    return max(1, (WIDE - fixed) // CLONE_ERROR)
 
 
 def _starts(sensors: tuple[Sensor, ...]) -> list[int]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from leadline.data.outcome import Outcome
 from leadline.estimate.plan import IS_CLONE, IS_DROP, IS_INPUT, IS_MARK, IS_OUTPUT
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from leadline.models.sensor import Sensor
 
 Integers = npt.NDArray[np.int64]
+RECENT = 10  # rows that a time is held against
 RANK = {IS_CLONE: 1, IS_DROP: 2, IS_MARK: 3, IS_OUTPUT: 4, IS_INPUT: 5}  # measurements: 0
 
 
@@ -136,8 +138,9 @@ class Screen:
 
     repeats: str = "new"
     latency: float = 0.0
+    live: bool = False  # more rows may come: any of them can equal one of these
     seen: set[bytes] = field(default_factory=set)
-    newest: float = -np.inf
+    recent: Array = field(default_factory=lambda: np.full(RECENT, -np.inf))  # times, in order of arrival
     value: bytes = b""
 
     def judge(self, table: Table) -> Integers:
@@ -153,7 +156,7 @@ class Screen:
 
     def _repeated(self, table: Table) -> npt.NDArray[np.bool_]:
         """Rows that equal an earlier one in all columns; only rows of equal time can."""
-        alike = _shared(table.time) if len(table) > 1 else np.ones(1, bool)
+        alike = np.ones(len(table), bool) if self.live else _shared(table.time)
         index = np.flatnonzero(alike)
         content = [bytes(row) for row in _row_bytes(table.select(index), with_time=True)] if len(index) else []
         repeated = np.zeros(len(table), bool)
@@ -165,16 +168,20 @@ class Screen:
         return repeated
 
     def _jumps(self, table: Table) -> npt.NDArray[np.bool_]:
-        """Rows that step back in time, in order of arrival, by more than the sensor's latency."""
+        """Rows that step back in time, in order of arrival, by more than the sensor's latency.
+
+        They are held against the last few rows alone: one stamp far ahead must not condemn all that comes after it.
+        """
         arrival = table.received if table.received is not None else table.sequence
         if arrival is None:
             return np.zeros(len(table), bool)
         order = np.argsort(arrival, kind="stable")
         time = np.where(np.isfinite(table.time), table.time, -np.inf)[order]
-        newest = np.maximum.accumulate(np.concatenate([[self.newest], time]))
-        self.newest = float(newest[-1])
+        known = np.concatenate([self.recent, time])
+        self.recent = known[-RECENT:]
+        newest = sliding_window_view(known[:-1], RECENT).max(axis=1)
         jumped = np.zeros(len(table), bool)
-        jumped[order] = time < newest[:-1] - max(self.latency, 1e-6)
+        jumped[order] = time < newest - max(self.latency, 1e-6)
         return jumped
 
     def _held(self, table: Table) -> npt.NDArray[np.bool_]:
@@ -231,6 +238,18 @@ def measurements(
             data = np.column_stack([data, earlier])
         batches.append(Batch(first_slot + rows.channel, time[index], data, sensor.config.name, index))
     return batches, outcome
+
+
+def agreed(batches: Sequence[Batch]) -> list[Batch]:
+    """Agree the clones that several sensors ask for: one per epoch, forgotten after the last row of any that looks at it."""
+    drops = [batch for batch in batches if batch.kind == IS_DROP]
+    others = [batch for batch in batches if batch.kind not in (IS_CLONE, IS_DROP)]
+    if not drops:
+        return others
+    epochs, which = np.unique(np.concatenate([batch.data[:, 0] for batch in drops]), return_inverse=True)
+    last = np.full(len(epochs), -np.inf)
+    np.maximum.at(last, which, np.concatenate([batch.time for batch in drops]))
+    return [*others, Batch(IS_CLONE, epochs, np.zeros((len(epochs), 0))), Batch(IS_DROP, last, epochs[:, None])]
 
 
 def _clones(earlier: Array, time: Array, flight: float, start: float) -> list[Batch]:

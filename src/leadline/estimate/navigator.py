@@ -59,7 +59,7 @@ class Navigator:
         self.composition, self.state, self.inputs, self.window = composition, state.copy(), inputs, window
         self.start = float(state[TIME])
         self._workspace = Workspace(composition.layout)
-        self._screens = {s.config.name: Screen(s.config.repeats, s.config.latency) for s in composition.sensors}
+        self._screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
         self._rows = dict.fromkeys([*self._sensors, composition.process.consumes or "", "imu"], 0)
         self._events: list[Event] = []  # in order, of the window
@@ -182,7 +182,8 @@ class Navigator:
         ready = bisect_right(self._events, covered, key=lambda event: event.time)
         while self._done < ready:
             if not self._checkpoints or self._done - self._place(self._checkpoints[-1]) >= CHECKPOINT_EVERY:
-                self._checkpoints.append(Checkpoint(self._events[self._done], self.state.copy()))
+                before = self._events[self._done] if self._checkpoints else Event(-np.inf, 0, 0)  # the first: before all that may come late
+                self._checkpoints.append(Checkpoint(before, self.state.copy()))
             last = min(ready, self._done + CHECKPOINT_EVERY)
             self._consume_live(self._events[self._done : last])
             self._done = last

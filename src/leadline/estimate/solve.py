@@ -15,8 +15,8 @@ from leadline.data.records import Imu, Truth
 from leadline.data.solution import Innovations, Solution, Status
 from leadline.estimate import kalman
 from leadline.estimate import plan as at
-from leadline.estimate.composition import Composition
-from leadline.estimate.events import Batch, Events, Screen, measurements, ordered
+from leadline.estimate.composition import Composition, room_for_clones
+from leadline.estimate.events import Batch, Events, Screen, agreed, measurements, ordered
 from leadline.estimate.navigator import Navigator, Results
 from leadline.estimate.output import solution_of
 from leadline.estimate.start import Start, origin_of, start_of
@@ -94,27 +94,32 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     context = Context.of(log, vehicle)
     imu = vehicle[vehicle.process.imu]
     sensors = tuple(s for config in vehicle.sensors.values() if (s := compose(config, context)) is not None)
+    process = inertial(imu, context.surface)
     clones = vehicle.process.clones
     if clones is None:
-        clones = min(MOST_CLONES, max((_clones_needed(s, log) for s in sensors), default=0))
-    composition = Composition(inertial(imu, context.surface), sensors, ESTIMATORS[estimator], clones)
+        clones = min(MOST_CLONES, room_for_clones(process, sensors), _clones_needed(sensors, log))
+    composition = Composition(process, sensors, ESTIMATORS[estimator], clones)
     start = start_of(log, vehicle, context)
     state = composition.layout.start(start.time, *_initial(start, vehicle, log))
     return Navigator(composition, state, InputStream.of(imu), window), start, context
 
 
-def _clones_needed(sensor: Sensor, log: Log) -> int:
-    """How many poses at earlier epochs a sensor's rows need at once; one for a sensor that has brought no row yet."""
-    if not any(channel.epochs == 2 for channel in sensor.channels):
+def _clones_needed(sensors: tuple[Sensor, ...], log: Log) -> int:
+    """How many poses at earlier epochs the rows of all sensors need at once; one where no row has come yet."""
+    twice = [sensor for sensor in sensors if any(channel.epochs == 2 for channel in sensor.channels)]
+    if not twice:
         return 0
-    name = sensor.config.name
-    found = [(r.earlier, log[name].time[r.row]) for r in sensor.read(log[name]).rows if r.earlier is not None] if name in log.tables else []
-    if not found or not len(found[0][0]):
+    tables = [(sensor, log.tables[sensor.config.name]) for sensor in twice if sensor.config.name in log.tables]
+    rows = [(r.earlier, table.time[r.row], s.flight) for s, table in tables for r in s.read(table).rows if r.earlier is not None]
+    awaited = [(earlier[time - earlier <= flight], time[time - earlier <= flight]) for earlier, time, flight in rows]
+    if not sum(len(time) for _, time in awaited):
         return 1
-    earlier, time = found[0]
-    first = np.unique(earlier)
-    last = np.array([time[earlier == epoch].max() for epoch in first])
-    return max(1, int(max(((first <= epoch) & (last > epoch)).sum() for epoch in first)))
+    earlier, time = (np.concatenate(part) for part in zip(*awaited, strict=True))
+    first, which = np.unique(earlier, return_inverse=True)
+    last = np.full(len(first), -np.inf)
+    np.maximum.at(last, which, time)
+    begun, ended = np.arange(1, len(first) + 1), np.searchsorted(np.sort(last), first, side="right")
+    return int(max(1, (begun - ended).max()))
 
 
 def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
@@ -144,8 +149,9 @@ def _first_rate(log: Log, vehicle: Vehicle, start: Start) -> Array:
     """Angular rate of the body against the Earth at the start (3,): a line through the gyro's rows of a fifth of a second."""
     imu, config = _imu_table(log, vehicle), vehicle[vehicle.process.imu]
     rates, _, _ = rates_of(imu)
-    near = np.isfinite(rates).all(axis=1) & (np.abs(imu.time - start.time) < 0.1)
-    if not near.any():
+    near = np.flatnonzero(np.isfinite(rates).all(axis=1) & (np.abs(imu.time - start.time) < 0.1))
+    near = near[np.argsort(imu.time[near], kind="stable")]  # the order of rows carries no meaning, down to the rounding of a sum
+    if not len(near):
         return np.zeros(3)
     time = imu.time[near] - start.time
     line = np.polynomial.polynomial.polyfit(time, rates[near], min(1, len(np.unique(time)) - 1))
@@ -175,7 +181,7 @@ def stream_of(
     outcome[vehicle.process.imu][order] = imu_outcome
     if not len(when) or int((imu_outcome == Outcome.USED).sum()) < 2:
         raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", "gives no interval to navigate over", "at least two valid rows")
-    last = float(table.time[order][imu_outcome == Outcome.USED][-1]) if end is None else end
+    last = float(table.time[order][imu_outcome == Outcome.USED][-1]) - vehicle[vehicle.process.imu].latency if end is None else end
     if last <= start:
         where = f"{log.path or log.name}: [initial] time_s"
         raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
@@ -186,7 +192,7 @@ def stream_of(
     if len(moments) and (moments.min() < start or moments.max() > last):
         raise InputError("times", f"{moments.min()} to {moments.max()} s", f"the run is from {start} to {last} s")
     batches.append(Batch(at.IS_OUTPUT, np.sort(moments), np.zeros((len(moments), 0))))
-    return Stream(ordered(batches), outcome, np.sort(moments))
+    return Stream(ordered(agreed(batches)), outcome, np.sort(moments))
 
 
 def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome: dict[str, Integers]) -> list[Batch]:

@@ -135,7 +135,9 @@ def _tilt(initial: Initial, ahrs: Any, tables: Mapping[str, Table], vehicle: Veh
     imu = tables.get(vehicle.process.imu)
     if not isinstance(imu, Imu) or imu.accel is None:
         return 0.0, 0.0
-    force = vehicle[vehicle.process.imu].rotation_bs @ np.nanmean(imu.accel[(imu.time >= time) & (imu.time <= time + 1.0)], axis=0)
+    first = np.flatnonzero((imu.time >= time) & (imu.time <= time + 1.0))
+    first = first[np.argsort(imu.time[first], kind="stable")]
+    force = vehicle[vehicle.process.imu].rotation_bs @ np.nanmean(imu.accel[first], axis=0)
     return float(np.arctan2(-force[1], -force[2])), float(np.arctan2(force[0], np.hypot(force[1], force[2])))
 
 

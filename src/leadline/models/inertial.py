@@ -10,7 +10,8 @@ Source: Savage, Strapdown Analytics (2000), ch. 7; Groves (2013), ch. 5.
 
 Error (15): position, velocity, attitude (rotation vector in n, on the left), gyro bias, accelerometer bias:
     dp' = dv        dv' = [R f] x-fed attitude, Coriolis, gravity gradient, -R dba        dtheta' = -w_in x dtheta - w_en(dv) - R dbg
-Left out, as below 1e-11 rad/s and 1e-10 m/s^2 per metre of error: the change of w_ie with position and of curvature with height.
+Left out, as below 1e-6 of what is there: the change of w_ie with position and of curvature with height, of the transport rate in
+the Coriolis term (v/R against 2 w_ie: 5e-7 per second) and in `pull` (1/R per m/s of error).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from leadline.core.compiled import NOISE, PULL, PUSH, STEP, VIEW, WIDE, kernel
-from leadline.core.earth import curvature, gravity, level_rotation, third_row
+from leadline.core.earth import WATER_GRADIENT, curvature, gravity, level_rotation, third_row
 from leadline.core.geodesy import EARTH_RATE
 from leadline.core.rotation import (
     cross,
@@ -103,15 +104,16 @@ def step(x, u, dt, params, m):
     x[H] = height - mean[2] * dt
     store3(x, V, new)
 
+    on = 1.0 if present else 0.0  # in a gap nothing turns and nothing accelerates: position follows velocity, and that is all
     for i in range(9):
         m[C_M + i] = c[i]
-    share = (1.0 if present else 0.0) / dt
-    store3(m, FORCE_M, (s[0] * share, s[1] * share, s[2] * share))
-    store3(m, W_IN_M, w_in)
-    store3(m, CORIOLIS_M, w_coriolis)
-    store3(m, CURVE_M, (k[0] + k[1] * axis[0] * axis[0], k[1] * axis[0] * axis[1], k[0] + k[1] * axis[1] * axis[1]))
-    m[GRADIENT_M] = 2.0 * g * k[0]
-    m[PRESENT_M] = 1.0 if present else 0.0
+    store3(m, FORCE_M, (s[0] * on / dt, s[1] * on / dt, s[2] * on / dt))
+    store3(m, W_IN_M, (w_in[0] * on, w_in[1] * on, w_in[2] * on))
+    store3(m, CORIOLIS_M, (w_coriolis[0] * on, w_coriolis[1] * on, w_coriolis[2] * on))
+    k01 = k[1] * axis[0] * axis[1] * on
+    store3(m, CURVE_M, ((k[0] + k[1] * axis[0] * axis[0]) * on, k01, (k[0] + k[1] * axis[1] * axis[1]) * on))
+    m[GRADIENT_M] = (2.0 * g * k[0] - (WATER_GRADIENT if height < params[SURFACE] else 0.0)) * on
+    m[PRESENT_M] = on
     m[DECAY_M] = math.exp(-dt * params[BG_RATE]) if params[BG_RATE] > 0.0 else 1.0
     m[DECAY_M + 1] = math.exp(-dt * params[BA_RATE]) if params[BA_RATE] > 0.0 else 1.0
 
@@ -126,7 +128,7 @@ def push_columns(m, dt, params, B, A, columns):
     o0, o1, o2 = m[CORIOLIS_M] * dt, m[CORIOLIS_M + 1] * dt, m[CORIOLIS_M + 2] * dt
     k00, k01, k11 = m[CURVE_M] * dt, m[CURVE_M + 1] * dt, m[CURVE_M + 2] * dt
     gradient = m[GRADIENT_M] * dt
-    on = dt * m[PRESENT_M]
+    on = m[PRESENT_M] * dt
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = (m[0] * on, m[1] * on, m[2] * on, m[3] * on, m[4] * on, m[5] * on,
                                                    m[6] * on, m[7] * on, m[8] * on)  # fmt: skip
     for j in range(columns):

@@ -21,7 +21,7 @@ import numpy as np
 
 from leadline.core import attitude, geodesy
 from leadline.core.compiled import kernel
-from leadline.core.earth import level_angle, move, third_row
+from leadline.core.earth import level_angle, move, third_row, wander_slope
 from leadline.core.rotation import exponential, load4, product, store_quaternion
 
 if TYPE_CHECKING:
@@ -55,6 +55,12 @@ def heading_of(view):
     w, x, y, z = load4(view, QUATERNION_V)
     axis = third_row(view[0], view[1], view[2], view[3])
     return level_angle(axis, 1 - 2 * (y * y + z * z), 2 * (x * y + w * z))
+
+
+@kernel()
+def north_slope(view):
+    """How the direction of north turns in the navigation frame with a level move (rad/m), seen as a change of heading."""
+    return wander_slope(third_row(view[0], view[1], view[2], view[3]), view[HEIGHT_V])
 
 
 @kernel()

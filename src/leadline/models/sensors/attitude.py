@@ -15,7 +15,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load4, logarithm, product
 from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, usable
 from leadline.models.sensors.heading import declination
-from leadline.models.view import ATTITUDE_T, QUATERNION_V, wander
+from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, north_slope, wander
 
 if TYPE_CHECKING:
     from leadline.data.records import Array, Attitude
@@ -51,6 +51,10 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
         Hv[2, ATTITUDE_T + j] = g2
         Hn[j, j] = 1.0
         R[j, j] = row[VARIANCE_R + j]
+    slope = north_slope(views)
+    for i in range(3):
+        for j in range(2):
+            Hv[i, POSITION_T + j] = slope[j] * Hv[i, ATTITUDE_T + 2]
     return 0
 
 

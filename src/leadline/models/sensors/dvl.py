@@ -25,6 +25,7 @@ from leadline.data.outcome import Outcome
 from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, usable
 from leadline.models.view import (
     ATTITUDE_T,
+    POSITION_T,
     QUATERNION_V,
     RATE,
     RATE_T,
@@ -33,6 +34,7 @@ from leadline.models.view import (
     VELOCITY_T,
     VELOCITY_V,
     heading_of,
+    north_slope,
     wander,
 )
 
@@ -139,6 +141,10 @@ def predict_level(views, nuisance, row, params, z, R, Hv, Hn):
             Hv[i, VELOCITY_T + j] = scale * g[j]
             Hv[i, ATTITUDE_T + j] = t[j]
             Hv[i, RATE_T + j] = r[j]
+    slope = north_slope(views)
+    for j in range(2):
+        if north:
+            Hv[0, POSITION_T + j], Hv[1, POSITION_T + j] = -z[1] * slope[j], z[0] * slope[j]
     if not north:  # the level axes turn with the heading: d ahead = starboard, d starboard = -ahead
         level = c[0] * c[0] + c[3] * c[3]
         for i in range(2):

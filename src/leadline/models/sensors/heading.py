@@ -14,7 +14,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load_matrix
 from leadline.data.errors import InputError
 from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, nuisances, reading, usable
-from leadline.models.view import ATTITUDE_T, QUATERNION_V, heading_of
+from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, heading_of, north_slope
 
 if TYPE_CHECKING:
     from leadline.data.records import Heading
@@ -32,6 +32,7 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     Hv[0, ATTITUDE_T] = -c[0] * c[6] / level
     Hv[0, ATTITUDE_T + 1] = -c[3] * c[6] / level
     Hv[0, ATTITUDE_T + 2] = 1.0
+    Hv[0, POSITION_T], Hv[0, POSITION_T + 1] = north_slope(views)
     Hn[0, 0] = 1.0
     R[0, 0] = row[1]
     return 0
