@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from math import atan2, cos, degrees, sin, sqrt
+from math import degrees, hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from leadline import Log, Navigator, Outcome, read_log, read_vehicle
-from leadline.core.geodesy import north_east
-from leadline.estimate import plan
+from leadline.core.attitude import euler_from_quaternion
 from leadline.estimate.solve import navigator_for
-from leadline.models.view import NavigationView
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from leadline.data.log import Origin
     from leadline.data.records import Table
 
 
@@ -40,33 +37,30 @@ def arrivals(log: Log, names: list[str]) -> Iterator[tuple[str, Table]]:
         yield name, log[name].select(slice(index, index + 1))
 
 
-def line(navigator: Navigator, origin: Origin) -> str:
-    """Say where the vehicle is, and how well that is known: one sigma of the worst horizontal direction."""
-    output = navigator.estimate()
-    view = NavigationView(output[plan.OUT_VIEW : plan.OUT_VIEW + 21])
-    north, east = north_east(view.latitude, view.longitude, origin.latitude, origin.longitude)
-    upper = output[plan.OUT_COV : plan.OUT_COV + 45]  # the upper triangle of the covariance (9, 9), row by row
-    a, b, c = upper[0], upper[1], upper[9]  # of the two horizontal axes of the navigation frame
-    sigma = sqrt(0.5 * (a + c) + sqrt(0.25 * (a - c) ** 2 + b * b))
-    heading = degrees(atan2(sin(view.heading), cos(view.heading))) % 360
-    return f"{navigator.time:8.1f} s   north {north:8.2f} m   east {east:8.2f} m   +- {sigma:5.2f} m   heading {heading:5.1f} deg"
+def line(navigator: Navigator) -> str:
+    """Say where the vehicle is, and how well that is known."""
+    now = navigator.estimate()
+    north, east, _ = now.position_n[0]
+    sigma = hypot(*now.sigma[0, :2])
+    heading = degrees(euler_from_quaternion(now.quaternion_nb)[2][0]) % 360
+    return f"{now.time[0]:8.1f} s   north {north:8.2f} m   east {east:8.2f} m   +- {sigma:5.2f} m   heading {heading:5.1f} deg"
 
 
 def main(log_folder: str, vehicle_file: str, every: float = 60.0) -> None:
     """Play a log back."""
     log, vehicle = read_log(log_folder), read_vehicle(vehicle_file)
     navigator, _, _ = navigator_for(log, vehicle)
-    if log.origin is None:
-        sys.exit("this example wants a log with an origin")
     due = navigator.start + every
     for name, row in arrivals(log, [name for name in vehicle.sensors if name in log.tables]):
         navigator.add(name, row)
         if navigator.time >= due:
-            print(line(navigator, log.origin))
+            print(line(navigator))
             due += every
     for code, count in Counter(navigator.outcomes.values()).most_common():
         print(f"{count} measurements: {Outcome(code).sentence}")
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit("usage: python examples/live.py LOG VEHICLE [SECONDS BETWEEN LINES]")
     main(*sys.argv[1:3], *map(float, sys.argv[3:]))

@@ -176,7 +176,7 @@ def test_only_and_without_leave_sensors_out(desk: Desk) -> None:
     assert desk.solve("--without", "heading,gnss")[0] == 0
     assert desk.summary()["counts"] == only
     assert "used" in only["dvl"]
-    assert only["heading"] == {"not_configured": ROWS["heading"]}
+    assert only["heading"] == {"excluded": ROWS["heading"]}
     assert "used" in only["imu"]
 
 

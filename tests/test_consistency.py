@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from solutions import group_rows, innovations, straight
+from solutions import group_rows, innovations, lost_rows, straight
 
 from leadline.assess.consistency import (
     Answer,
@@ -234,3 +234,65 @@ def test_a_bar_holds_when_the_interval_reaches_it():
     assert not interval.reaches(at_least=1.3)
     assert not interval.reaches(0.85, at_least=0.5)
     assert str(Interval(2.0, np.inf)) == "2 or more"
+
+
+def test_a_sensor_of_which_little_was_used_is_the_first_thing_to_read():
+    from leadline.data.outcome import Outcome
+
+    rng = np.random.default_rng(3)
+    good = sensor(rng, "depth", 400, 1)
+    none = lost_rows("dvl", np.arange(399), Outcome.OUT_OF_RANGE)
+    spare = [lost_rows("gnss", np.arange(50), Outcome.NOT_CONFIGURED), lost_rows("depth", np.arange(900), Outcome.HELD)]
+    found = verdict_on(good, none, *spare).verdict
+    assert found.answer == Answer.CONSISTENT
+    assert found.first == ("dvl: 0 of 399 rows used (out of range)",)
+    assert found.sentence == "dvl: 0 of 399 rows used (out of range). Consistent: the errors of depth are those predicted."
+    half = sensor(rng, "usbl", 100, 2)
+    used = len(np.unique(half.row[half.outcome == Outcome.USED]))
+    assert verdict_on(good, half, lost_rows("usbl", np.arange(90), Outcome.INVALID)).verdict.first == ()
+    more = lost_rows("usbl", np.arange(120), Outcome.INVALID)
+    assert verdict_on(good, half, more).verdict.sentence.startswith(f"usbl: {used} of 220 rows used (invalid). Consistent")
+    assert verdict_on(good).verdict.sentence.startswith("Consistent")
+
+
+def test_sensors_without_rows_and_inertial_rows_are_known_from_the_summary():
+    counts = {"depth": {}, "imu": {"used": 900, "duplicate": 3}, "fog": {"no_input": 80, "used": 20, "unheard_of": 5}}
+    run = replace(RUN, summary={"counts": counts})
+    found = consistency(run).verdict
+    assert found.answer == Answer.TOO_FEW
+    assert found.first[0] == "depth: has no rows"
+    assert not [line for line in found.first if line.startswith("imu")]
+    assert consistency(replace(RUN, summary={"counts": None})).verdict.first == ()
+
+
+@pytest.mark.parametrize("name", ["latitude", "longitude", "depth", "north", "east", "covariance"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e300])
+def test_a_lost_solution_is_not_consistent(name, value):
+    values = getattr(RUN, name).copy()
+    values[4:] = value
+    found = consistency(replace(RUN, innovations=innovations([sensor(np.random.default_rng(1), "a", 400, 1)]), **{name: values})).verdict
+    assert found.answer == Answer.INCONSISTENT
+    assert found.sentence.startswith("The solution is lost after 4 s. Not consistent: ")
+
+
+def test_the_status_lost_is_a_lost_solution():
+    from leadline.data.solution import Status
+
+    status = np.where(RUN.time < 7, RUN.status, Status.LOST)
+    assert consistency(replace(RUN, status=status)).verdict.first == ("The solution is lost after 7 s",)
+
+
+def test_a_component_named_as_its_sensor_is_named_once():
+    rng = np.random.default_rng(5)
+    x = correlated(rng, 2000, 0.8)
+    found = verdict_on(group_rows("depth", np.arange(2000), x, [1.0], ["depth"])).verdict
+    assert "depth innovations are correlated" in found.sentence
+    assert "depth depth" not in found.sentence
+
+
+def test_a_tiny_factor_is_no_zero():
+    tiny = verdict_on(sensor(np.random.default_rng(2), "a", 2000, 1, factor=1e-5))
+    assert "innovations <0.001 times as large as predicted: its sigma is too large" in tiny.verdict.sentence
+    assert Interval(0.0, 0.5).as_factor == "<0.001 to 0.5"
+    assert Interval(0.5, np.inf).as_factor == "0.5 or more"
+    assert Interval(0.0, 1e-4).as_factor == "<0.001"

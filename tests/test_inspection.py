@@ -24,7 +24,7 @@ from leadline.core.attitude import (
 from leadline.core.geodesy import from_north_east
 from leadline.data.inspection import Facts, Inspection, inspect
 from leadline.data.log import Log, Origin
-from leadline.data.records import Attitude, Depth, Dvl, Gnss, Heading, Imu, Other, PositionFix, Speed, Table
+from leadline.data.records import Attitude, Depth, Dvl, Gnss, Heading, Imu, Other, PositionFix, Speed, Table, Truth
 from leadline.report.inspection import text
 
 ORIGIN = Origin(0.573, 0.609)
@@ -148,7 +148,7 @@ def test_headings_on_a_northward_leg_are_not_taken_for_radians() -> None:
     rng = np.random.default_rng(2)
     for heading in (rng.normal(0, 1, 500) % 360, np.clip(rng.normal(0, 1, 500), -3, 3), rng.uniform(1, 5, 500)):
         log = Log("x", {"heading": Heading(time=np.arange(500.0), heading=heading * DEG)})
-        assert inspect(log).findings == ()
+        assert [f for f in inspect(log).findings if f.table] == []
 
 
 def test_a_fast_hand_held_imu_is_believed() -> None:
@@ -177,6 +177,46 @@ def test_an_attitude_made_of_the_same_gyro() -> None:
         quaternion.append(product(quaternion[-1], step))
     attitude = Attitude(time=imu.time, quaternion=np.stack(quaternion))
     assert "repeat the noise of the gyro 'imu'" in said(Log("x", {"imu": imu, "ahrs": attitude}), "ahrs")
+
+
+def in_milliseconds(log: Log) -> Log:
+    return replace(log, tables={name: replace(table, time=table.time * 1e3) for name, table in log.tables.items()})
+
+
+def test_all_times_in_milliseconds_at_once() -> None:
+    slow = in_milliseconds(good_log())
+    assert {f.table for f in inspect(slow).findings if f.sentence.endswith("is time_s in milliseconds?")} == {"imu"}
+    no_imu = replace(slow, tables={name: slow[name] for name in ("heading", "depth", "dvl")})
+    assert "is time_s in milliseconds?" in said(no_imu, "dvl")
+    good = replace(no_imu, tables={name: good_log()[name] for name in no_imu.tables})
+    assert {f.sentence for f in inspect(good).findings} == {"no table of kind imu: the process model `inertial` needs one"}
+
+
+def test_a_heading_that_the_attitude_has_too() -> None:
+    log = good_log()
+    attitude = log["attitude"]
+    same = Heading(time=attitude.time[::3], heading=(attitude.heading[::3] + 0.08) % (2 * np.pi))
+    twice = replace(log, tables={**log.tables, "compass": same})
+    assert "its heading repeats that of 'attitude'" in said(twice, "compass")
+    noise = np.random.default_rng(8).normal(0, 3e-4, len(same))
+    other = replace(same, heading=(same.heading + noise) % (2 * np.pi))
+    assert said(replace(log, tables={**log.tables, "compass": other}), "compass") == ""
+
+
+def test_truth_that_is_a_fix() -> None:
+    log = good_log()
+    truth = Truth(time=GNSS.time, latitude=GNSS.latitude, longitude=GNSS.longitude)
+    assert "note: repeats the positions of 'gnss'" in said(replace(log, tables={**log.tables, "truth": truth}), "truth")
+    apart = replace(truth, latitude=truth.latitude + 1e-7)
+    assert said(replace(log, tables={**log.tables, "truth": apart}), "truth") == ""
+    local = Truth(time=GNSS.time, north=np.zeros(300), east=np.zeros(300))
+    assert said(replace(log, tables={**log.tables, "truth": local}), "truth") == ""
+
+
+@pytest.mark.parametrize(("column", "meant"), [("simga_m", "sigma_m"), ("recieved_s", "received_s"), ("temperature_degc", "")])
+def test_a_column_that_was_meant_for_another(column: str, meant: str) -> None:
+    found = said(changed("gnss", sigma=None, extra={column: np.linspace(0.0, 1.0, len(GNSS))}), "gnss")
+    assert found == (f"suspicion: {column}: carried, not used; did you mean {meant}?" if meant else "")
 
 
 def test_local_fixes_serve_as_well_as_geographic_ones() -> None:
@@ -216,7 +256,7 @@ def test_logs_of_hardly_any_row(rows: int) -> None:
     log = good_log()
     short = replace(log, tables={name: table.select(slice(0, rows)) for name, table in log.tables.items()})
     json.dumps(inspect(short).to_dict(), allow_nan=False)
-    assert {finding.severity for finding in inspect(short).findings} <= {"note"}
+    assert {finding.severity for finding in inspect(short).findings} == ({"problem"} if rows == 0 else set())
 
 
 def test_json_is_plain_and_holds_no_nan() -> None:
@@ -236,6 +276,23 @@ def test_the_text_names_every_table_and_finding() -> None:
         assert name in shown
     console.print(text(inspect(good_log())))
     assert "Nothing looks wrong" in console.export_text()
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 160])
+def test_no_number_and_no_name_is_broken_on_a_terminal(width: int) -> None:
+    log = good_log()
+    log = replace(log, tables={f"{name}_of_the_vehicle": table for name, table in log.tables.items()})
+    inspection = inspect(replace(log, tables={**log.tables, "empty": DEPTH.select(slice(0, 0))}))
+    console = Console(width=width, file=StringIO())
+    console.print(text(inspection))
+    shown = console.file.getvalue()
+    assert "…" not in shown
+    assert all(line == line.rstrip() and len(line) <= width for line in shown.splitlines())
+    assert "duplicates" not in shown  # in no table
+    for facts in inspection.tables.values():
+        for column, spread in facts.ranges.items():
+            in_line = rf"\b{column} +{spread.minimum:.8g} .*{spread.maximum:.8g}\b"
+            assert re.search(in_line if width > 60 else rf"column: {column}\n +least: {spread.minimum:.8g}\n", shown)
 
 
 def test_nothing_of_the_log_is_changed_and_findings_come_worst_first() -> None:

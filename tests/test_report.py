@@ -208,6 +208,80 @@ def test_text_for_a_terminal(found, capsys):
     assert capsys.readouterr().out == ""
 
 
+def wild(estimate, value, row=500):
+    """A solution that has gone wild from a row on, innovations and all."""
+
+    def put(values, late):
+        result = values.copy()
+        result[late:] = value
+        return result
+
+    names = ("latitude", "longitude", "height", "depth", "north", "east", "velocity_n", "quaternion_nb", "covariance")
+    table = estimate.innovations
+    late = table.time > estimate.time[row]
+    table = replace(table, **{name: np.where(late, value, getattr(table, name)) for name in ("residual", "sigma", "nis")})
+    states = {name: replace(s, value=put(s.value, row), sigma=put(s.sigma, row)) for name, s in estimate.nuisances.items()}
+    return replace(estimate, innovations=table, nuisances=states, **{name: put(getattr(estimate, name), row) for name in names})
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, -1e200, 1e60, 1e20])
+@pytest.mark.parametrize("row", [0, 1, 500])
+def test_a_lost_solution_is_told_first_and_warns_of_nothing(found, value, row):
+    from io import StringIO
+
+    from rich.console import Console
+
+    estimate, truth, _ = found
+    odd = wild(estimate, value, row)
+    assessment = assess(odd, truth)
+    page = without_library(report_page(odd, assessment=assessment, truth=truth))
+    console = Console(width=80, file=StringIO())
+    console.print(assessment_text(assessment), summary_text(odd))
+    told = f"The solution is lost after {odd.time[row]:g} s"
+    assert f'<p class="first">{told}</p>' in page
+    assert page.index(told) < page.index("Not consistent</div>")
+    assert console.file.getvalue().startswith(told)
+    assert assessment.to_dict()["verdict"]["sentence"].startswith(told)
+    assert assessment.to_dict()["verdict"]["answer"] == "not consistent"
+
+
+def test_findings_stand_each_on_a_line(found):
+    from leadline.assess.consistency import Answer, Verdict
+
+    verdict = Verdict(Answer.INCONSISTENT, "dvl: has no rows. Not consistent: a; b.", first=("dvl: has no rows",), findings=("a", "b"))
+    assert tables.verdict_lines(verdict) == ["dvl: has no rows", "Not consistent:", "a", "b"]
+    alone = replace(verdict, sentence="Not consistent: a.", first=(), findings=("a",))
+    assert tables.verdict_lines(alone) == ["Not consistent: a."]
+
+
+def test_what_has_no_value_makes_no_headline(found):
+    estimate, truth, _ = found
+    silent = Truth(time=truth.time, heading=truth.heading)
+    assert [label for label, _ in tables.headlines(assess(estimate, silent))] == ["duration", "distance travelled"]
+
+
+def test_what_was_run_tells_the_distance_that_the_assessment_measures(found):
+    summary = {"distance_m": 1234.56789, "start_s": 0.1234567, "verdict": {"answer": "consistent"}, "counts": {}, "epochs": [1.23456789]}
+    assert tables.run_grid(summary, 987.654).rows == [("distance (m)", "987.7"), ("start (s)", "0.1235"), ("epochs", "1.235")]
+
+
+@pytest.mark.parametrize("width", [70, 80, 100, 120])
+def test_no_number_is_broken_on_a_terminal(found, width):
+    from io import StringIO
+
+    from rich.console import Console
+
+    estimate, _, assessment = found
+    console = Console(width=width, file=StringIO())
+    console.print(assessment_text(assessment), summary_text(estimate))
+    shown = console.file.getvalue()
+    assert "…" not in shown.replace("a row …", "")
+    assert all(len(line) <= width for line in shown.splitlines())
+    for name, test, answer, *_ in tables.verdict_grid(assessment).rows:
+        assert re.search(rf"\b{name} +{re.escape(test)} +{answer}\b", shown)
+
+
 def test_report_rooms_are_light_to_import():
     import subprocess
     import sys

@@ -215,10 +215,10 @@ def test_estimate_leaves_the_state(log: Log) -> None:
     """Asking for an estimate ahead of the state is an advanced copy."""
     navigator, _ = live(log, ABOARD, by_arrival(log)[:800])
     before = navigator.state.copy()
-    ahead = navigator.estimate(navigator.time + 0.5)
+    ahead = navigator.output(navigator.time + 0.5)
     assert_array_equal(navigator.state, before)
     assert np.isfinite(ahead).all()
-    assert ahead[at.OUT_COV] > navigator.estimate()[at.OUT_COV]
+    assert ahead[at.OUT_COV] > navigator.output()[at.OUT_COV]
 
 
 # --- two epochs --------------------------------------------------------------------------------------------------------------------
@@ -373,9 +373,11 @@ def test_rows_after_the_end(log: Log) -> None:
 
 
 def test_a_table_that_nobody_configured(log: Log) -> None:
-    """Rows of a table that the vehicle file does not name are NOT_CONFIGURED; live, such a name is refused in one line."""
+    """Rows of a table that the vehicle file does not name are NOT_CONFIGURED, left out on request EXCLUDED; live, both are refused."""
+    named = {name: sensor for name, sensor in ABOARD.sensors.items() if name != "gnss"}
+    assert solve(log, replace(ABOARD, sensors=named)).summary["counts"]["gnss"] == {"not_configured": len(log["gnss"])}
     aboard = ABOARD.without("gnss")
-    assert solve(log, aboard).summary["counts"]["gnss"] == {"not_configured": len(log["gnss"])}
+    assert solve(log, aboard).summary["counts"]["gnss"] == {"excluded": len(log["gnss"])}
     navigator, _, _ = navigator_for(log, aboard)
     with pytest.raises(InputError, match="has no sensor 'gnss'"):
         navigator.add("gnss", log["gnss"])

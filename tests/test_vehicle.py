@@ -356,17 +356,38 @@ def test_every_offer_of_the_template_can_be_taken_up() -> None:
     assert vehicle_from_toml(uncommented)["sonar"].model == "package.module:function"
 
 
+def test_the_template_offers_a_dvl_a_bias_that_wanders() -> None:
+    whole = template(LOG)
+    assert "# nuisance.bias = { sigma_mps = 0.005, tau_s = 60.0 }" in whole
+    taken = whole.replace("# nuisance.bias = { sigma_mps", "nuisance.bias = { sigma_mps")
+    assert vehicle_from_toml(taken)["dvl"].written["nuisance"]["bias"] == {"sigma_mps": 0.005, "tau_s": 60.0}
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_the_report_of_a_vehicle_breaks_nothing_on_a_terminal(width: int) -> None:
+    console = Console(file=StringIO(), width=width)
+    console.print(text(vehicle("[sensors.dvl]\nsigma_mps = 0.0225\nmounting_deg = [0, 0, -45.125]\n")))
+    shown = console.file.getvalue()
+    assert "sigma_mps = 0.0225" in shown
+    assert "roll 0, pitch 0, heading -45.125 deg" in shown
+    assert "…" not in shown
+    assert all(line == line.rstrip() for line in shown.splitlines())
+
+
 def test_the_template_without_a_log_is_a_whole_example() -> None:
     found = vehicle_from_toml(template())
     assert {sensor.kind for sensor in found.sensors.values()} == set(FIGURES)
     assert set(FIGURES) <= set(BY_KIND)
     assert notes(found) == []
     assert all(len(line) < 260 for line in template().splitlines())
+    for kind in ("magnetometer", "yaw_rate", "speed", "altimeter", "pressure"):
+        assert f"# {kind}: no model uses this kind yet.\n# [sensors.{kind}]\n# kind" in template()
 
 
 def test_the_template_of_a_log_without_imu_says_so() -> None:
     whole = template(Log("l", {"depth": TABLES["depth"]}))
-    assert "# The log has no table of kind imu" in whole
+    assert whole.startswith("# This log has no imu table; the process model `inertial` needs one.\n# Vehicle file")
+    assert not template(LOG).startswith("# This log")
     with pytest.raises(InputError, match=r"process\.imu"):
         vehicle_from_toml(whole)
 

@@ -393,22 +393,26 @@ class Twin:
         for i, (_, index) in enumerate(twist):
             self._nuisance(H, index, (1.0 + scale) * skew(y)[:, i])
         xx, yy, zz, xy, xz, yz = row[3:9]
-        shaken = self.vehicle["imu"].value("gyro_noise") ** 2 / self.input[7] if self.input[6] else 0.0
+        shaken = (
+            self.vehicle["imu"].value("gyro_noise") ** 2 / self.input[7] if self.input[6] else self.vehicle["imu"].value("gap_rate") ** 2
+        )
         noise = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + shaken * arm @ arm.T
         return H, row[:3] - (1.0 + scale) * (y - np.cross(e, y)) + arm @ rate, noise
 
     def _range(self, H: np.ndarray, lever_b: np.ndarray, lever: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Half of the way back, at the pose of now, and half of the way there, at the clone."""
-        (bias, at), k = self.value("ranges.bias"), [time for time, _ in self.clones].index(row[5])
-        total = 0.0
+        (bias, at), k = self.value("ranges.bias"), [time for time, _ in self.clones].index(row[8])
+        total, slope = 0.0, np.zeros(3)
         for pose, place, turn in ((self.pose, 0, 6), (self.clones[k][1], 15 + len(self.names) + 6 * k, 18 + len(self.names) + 6 * k)):
             arm = pose.nb @ lever_b
             gap = pose.position_e + pose.en @ arm - row[2:5]
             unit = pose.en.T @ gap / sqrt(gap @ gap)
             H[0, place : place + 3], H[0, turn : turn + 3] = 0.5 * unit, -0.5 * unit @ skew(arm)
             total += 0.5 * sqrt(gap @ gap)
+            slope += 0.5 * pose.en @ unit
         self._nuisance(H, at, 1.0)
-        return H, row[:1] - total - bias, np.diag(row[1:2])
+        along = rotation(np.array([0.0, 0.0, self.pose.wander])) @ self.pose.en.T @ slope
+        return H, row[:1] - total - bias, row[1:2, None] + np.sum(row[5:8] * along**2)
 
 
 def process_noise(aboard: Vehicle) -> dict[int, np.ndarray]:

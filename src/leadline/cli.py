@@ -97,7 +97,7 @@ def solve(
     as_json: AsJson = False,
 ) -> None:
     """Turn a recorded dive into a trajectory with error bars, and a report."""
-    with _progress("loading (kernels are compiled once, half a minute)") as tell:
+    with _progress(_loading()) as tell:
         from leadline.missions.dive import solve_dive
 
         solution, assessment = solve_dive(
@@ -111,6 +111,7 @@ def solve(
             csv=csv,
             report=report,
             progress=tell,
+            tell=lambda line: print(f"leadline: {line}", file=sys.stderr),
         )
     if as_json:
         _print_json({**solution.summary, "assessment": assessment.to_dict()})
@@ -218,8 +219,14 @@ def _print_json(value: Any) -> None:
 def _print_rich(renderable: Any) -> None:
     from rich.console import Console
 
-    console = Console() if sys.stdout.isatty() else Console(width=160)
+    console = Console() if sys.stdout.isatty() else Console(width=int(os.environ.get("COLUMNS", "120")))
     console.print(renderable)
+
+
+def _loading() -> str:
+    """What to say while modules load: the first time they are compiled."""
+    cache = Path(os.environ.get("LEADLINE_CACHE", Path.home() / ".cache" / "leadline"))
+    return "loading" if any(cache.glob("leadline.estimate.loop-*")) else "compiling, this once (half a minute)"
 
 
 @contextlib.contextmanager

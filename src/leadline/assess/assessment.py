@@ -11,16 +11,16 @@ import numpy as np
 
 from leadline.assess.consistency import Consistency, Verdict, consistency
 from leadline.assess.errors import BLOCKS, Errors, Misclosure, errors_of, misclosures, spread
-from leadline.assess.matching import travelled
-from leadline.data.outcome import Outcome
+from leadline.assess.matching import distance
+from leadline.assess.usage import counts_of, finite
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from leadline.data.outcome import Outcome
     from leadline.data.records import Truth
-    from leadline.data.solution import Innovations, Solution
+    from leadline.data.solution import Solution
 
-OUTCOMES = list(Outcome)  # by number
 UNIT_OF = {"velocity": "mps", "tilt": "rad", "heading": "rad"}  # of the statistics of errors; all others are metres
 
 
@@ -85,26 +85,13 @@ def _plain(value: Any) -> Any:
 
 def assess(solution: Solution, truth: Truth | None = None, *, gap: float = 2.0) -> Assessment:
     """Assess a solution, against truth where there is one: rows of truth more than `gap` s from a row of the solution are left out."""
+    solution = finite(solution)
     errors = None if truth is None else errors_of(solution, truth, gap=gap)
-    track = travelled(solution.latitude, solution.longitude)
     return Assessment(
         duration=float(solution.time[-1] - solution.time[0]) if len(solution) else 0.0,
-        distance=float(track[-1]) if len(track) else 0.0,
+        distance=distance(solution),
         counts=counts_of(solution.innovations),
         consistency=consistency(solution, errors),
         misclosures=misclosures(solution),
         errors=errors,
     )
-
-
-def counts_of(innovations: Innovations) -> dict[str, dict[Outcome, int]]:
-    """Return the number of rows by sensor instance and outcome; a row whose parts met different ends counts once for each."""
-    counts: dict[str, dict[Outcome, int]] = {}
-    sensors, code = np.unique(innovations.sensor, return_inverse=True)
-    low = int(innovations.row.min(initial=0))
-    span = int(innovations.row.max(initial=0)) - low + 1
-    distinct = np.unique((code.ravel() * len(OUTCOMES) + innovations.outcome) * span + innovations.row - low) // span
-    for key, n in zip(*np.unique(distinct, return_counts=True), strict=True):
-        sensor, outcome = divmod(int(key), len(OUTCOMES))
-        counts.setdefault(str(sensors[sensor]), {})[OUTCOMES[outcome]] = int(n)
-    return counts

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from leadline.assess.gated import GatedSum, autocorrelation, effective_size
-from leadline.assess.intervals import Interval, interval_of_anees, interval_of_fraction
+from leadline.assess.intervals import SMALL, Interval, factor_text, interval_of_anees, interval_of_fraction
+from leadline.assess.usage import lost_after, unused
 from leadline.data.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class Verdict:
     subject: the sensor instance, the error block, or "" for the whole.  test: nis, gate, whiteness, nees, or "" for the whole.
     count: scalar values judged.  p: of the hypothesis that all is well.  value: mean nis per degree of freedom, gated fraction,
     largest autocorrelation, or mean nees per degree of freedom.  factor: sigma that the data show / sigma stated, with its interval.
+    first: sentences that come before the answer, and open `sentence`.  findings: what the answer for the whole rests on, each a sentence.
     """
 
     answer: Answer
@@ -61,6 +63,18 @@ class Verdict:
     p: float = nan
     value: float = nan
     factor: Interval = field(default_factory=Interval)
+    first: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Subject and component, told once where they are the same word."""
+        return named(self.subject, self.component)
+
+
+def named(subject: str, component: str) -> str:
+    """Return a sensor's or block's name and that of its component, told once where they are the same word."""
+    return subject if component in ("", subject) else f"{subject} {component}".strip()
 
 
 class Evidence(Protocol):
@@ -103,17 +117,16 @@ def _cautious(verdict: Verdict) -> Verdict:
     """Return a verdict that confirms nothing from too few values."""
     if verdict.count >= FEWEST or verdict.answer == Answer.INCONSISTENT:
         return verdict
-    name = f"{verdict.subject} {verdict.component}".strip()
-    sentence = f"{name}: too few data ({verdict.count} values; fewer than {FEWEST} cannot show a sigma wrong by 2)"
+    sentence = f"{verdict.name}: too few data ({verdict.count} values; fewer than {FEWEST} cannot show a sigma wrong by 2)"
     return replace(verdict, answer=Answer.TOO_FEW, sentence=sentence)
 
 
 def _by_factor(name: str, what: str, rejected: bool, factor: Interval) -> tuple[Answer, str]:
     """Return answer and sentence of a test on a factor."""
     within = factor.reaches(MATERIAL_FACTOR, at_least=1.0 / MATERIAL_FACTOR)
-    size = (
-        f"{what} {factor.estimate:.3g} times as large as predicted ({factor})" if np.isfinite(factor.estimate) else f"{what} {factor} times"
-    )
+    size = f"{what} {factor.as_factor} times as large as predicted"
+    if np.isfinite(factor.estimate) and factor.high >= SMALL:
+        size = f"{what} {factor_text(factor.estimate)} times as large as predicted ({factor.as_factor})"
     if not rejected:
         return Answer.CONSISTENT, f"{name}: consistent, {size}"
     if within:
@@ -188,14 +201,14 @@ class WhitenessEvidence:
 
     def verdict(self, rejected: bool, level: float) -> Verdict:  # noqa: ARG002  (one contract for all evidence)
         """Name the lag of the largest autocorrelation."""
-        name = f"{self.sensor} {self.component}".strip()
         at = int(np.argmax(np.abs(self.correlations))) if len(self.correlations) else 0
         largest = float(self.correlations[at]) if len(self.correlations) else nan
         size = f"the largest autocorrelation of its innovations is {largest:.2f}, at lag {at + 1} of {len(self.correlations)}"
         bad = rejected and abs(largest) > MATERIAL_CORRELATION
         answer = Answer.INCONSISTENT if bad else Answer.CONSISTENT
         words = "not consistent, innovations are correlated: " if bad else "consistent, "
-        return Verdict(answer, f"{name}: {words}{size}", self.sensor, "whiteness", self.component, self.count, self.p, largest)
+        sentence = f"{named(self.sensor, self.component)}: {words}{size}"
+        return Verdict(answer, sentence, self.sensor, "whiteness", self.component, self.count, self.p, largest)
 
 
 @dataclass(frozen=True)
@@ -321,7 +334,18 @@ def consistency(solution: Solution, errors: Errors | None = None) -> Consistency
         seen = [evidence for evidence in blocks if evidence.effective]
         family += [e for e in seen if e.block != "horizontal" or all(other.block != "position" for other in seen)]
     verdicts = judge(family)
-    return Consistency(_overall(verdicts), verdicts)
+    return Consistency(_opened(_overall(verdicts), solution), verdicts)
+
+
+def _opened(verdict: Verdict, solution: Solution) -> Verdict:
+    """Return the verdict with what must be read first: a solution that is lost, which is never consistent, and sensors hardly used."""
+    first, lost = unused(solution), lost_after(solution)
+    if lost is not None:
+        first = (f"The solution is lost after {lost:.6g} s", *first)
+        if verdict.answer != Answer.INCONSISTENT:
+            sentence = "Not consistent: a lost solution makes no claim that could be tested."
+            verdict = replace(verdict, answer=Answer.INCONSISTENT, sentence=sentence)
+    return replace(verdict, first=first, sentence=". ".join((*first, verdict.sentence)))
 
 
 def _overall(verdicts: Sequence[Verdict]) -> Verdict:
@@ -329,8 +353,9 @@ def _overall(verdicts: Sequence[Verdict]) -> Verdict:
     count = sum(v.count for v in verdicts if v.test in ("nis", "nees"))
     wrong = [v for v in verdicts if v.answer == Answer.INCONSISTENT]
     if wrong:
-        worst = min(v.p for v in wrong)
-        return Verdict(Answer.INCONSISTENT, "Not consistent: " + "; ".join(map(_short, wrong)) + ".", count=count, p=worst)
+        findings = tuple(map(_short, wrong))
+        sentence = "Not consistent: " + "; ".join(findings) + "."
+        return Verdict(Answer.INCONSISTENT, sentence, count=count, p=min(v.p for v in wrong), findings=findings)
     few = sorted({v.subject for v in verdicts if v.answer == Answer.TOO_FEW and v.test in ("nis", "nees")})
     right = sorted({v.subject for v in verdicts if v.answer == Answer.CONSISTENT and v.test in ("nis", "nees")})
     if not right:

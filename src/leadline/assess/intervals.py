@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 LEVEL = 0.99
+SMALL = 0.001  # of a factor
+
+
+def factor_text(value: float) -> str:
+    """Write a factor to three figures; what is below a thousandth is not a zero."""
+    return f"<{SMALL:g}" if value < SMALL else f"{value:.3g}"
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,13 @@ class Interval:
         if np.isinf(self.high):
             return f"{self.low:.3g} or more"
         return f"{self.low:.3g} to {self.high:.3g}"
+
+    @property
+    def as_factor(self) -> str:
+        """Write the interval of a factor: what is below a thousandth is not a zero."""
+        if self.high < SMALL:
+            return f"<{SMALL:g}"
+        return str(self) if self.low >= SMALL or np.isinf(self.high) else f"<{SMALL:g} to {self.high:.3g}"
 
 
 def interval_of_mean(values: ArrayLike, level: float = LEVEL) -> Interval:

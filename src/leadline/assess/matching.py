@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from leadline.assess.usage import finite
 from leadline.core import attitude, geodesy
 
 if TYPE_CHECKING:
@@ -120,6 +121,13 @@ def travelled(latitude: Array, longitude: Array, stride: float = STRIDE) -> Arra
     result = np.full(len(points), np.nan)
     result[usable] = np.maximum.accumulate(reached) if reached else 0.0
     return _filled(result)
+
+
+def distance(solution: Solution) -> float:
+    """Return the distance (m) that a solution travels: the one figure that report, assessment and summary tell."""
+    known = finite(solution)
+    track = travelled(known.latitude, known.longitude)
+    return float(track[-1]) if len(track) else 0.0
 
 
 def _filled(values: Array) -> Array:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a person should know: `severity` is problem (mend it), suspicion (look at it) or note."""
+    """One thing that a person should know: `severity` is problem (mend it), suspicion (look at it) or note; no `table`: the whole log."""
 
     severity: str
     table: str

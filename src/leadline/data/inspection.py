@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import Other, Table
+from leadline.data.records import Imu, Other, Table, expand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from leadline.data.records import Array
 
 GAP = 3.0  # an interval this many times the median one is a gap
+ALIKE = 0.8  # how like a column's name is to another that it may have been meant for (difflib)
 RUNS = 10  # so many runs of equal values show that a value is held
 
 
@@ -83,6 +85,8 @@ def inspect(log: Log) -> Inspection:
     tables = {name: _facts(table) for name, table in log.tables.items()}
     findings = [finding for name, facts in tables.items() for finding in _findings(name, facts, log.tables[name])]
     findings += suspicions(log)
+    if not any(isinstance(table, Imu) for table in log.tables.values()):
+        findings.append(Finding("note", "", "no table of kind imu: the process model `inertial` needs one"))
     order = ("problem", "suspicion", "note")
     return Inspection(log.name, tables, tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
 
@@ -166,10 +170,21 @@ def _findings(name: str, facts: Facts, table: Table) -> Iterator[Finding]:
     if isinstance(table, Other):
         yield Finding("note", name, "is of a kind that Leadline does not know: carried as its columns (log.toml can say its kind)")
     if facts.rows == 0:
-        yield Finding("note", name, "has no row")
+        yield Finding("problem", name, "has no row")
+    yield from _near_misses(name, table)
     yield from _findings_of_values(name, facts, table)
     yield from _findings_of_time(name, facts)
     yield from _findings_of_order(name, facts)
+
+
+def _near_misses(name: str, table: Table) -> Iterator[Finding]:
+    """Columns that are carried, not used, and all but spell one that the kind has and the table lacks."""
+    lacking = [item.metadata["pattern"] for item in table.columns() if getattr(table, item.name) is None]
+    columns = [column for pattern in lacking for column in expand(pattern, [])]
+    for column in table.extra:
+        if near := get_close_matches(column, columns, 5, ALIKE):
+            meant = min(near, key=lambda known: abs(len(known) - len(column)))
+            yield Finding("suspicion", name, f"{column}: carried, not used; did you mean {meant}?")
 
 
 def _findings_of_values(name: str, facts: Facts, table: Table) -> Iterator[Finding]:

@@ -22,9 +22,8 @@ class Outcome(IntEnum):
     NOT_CONFIGURED = 8, "the vehicle file does not name this sensor"
     OUTSIDE_RUN = 9, "lies before the start or after the end of the run"
     NO_CLONE = 10, "the pose at its earlier epoch is not available"
-    NO_INPUT = 11, "no inertial data covers its time"
+    NO_MODEL = 11, "no model uses this kind of sensor yet"
     EXCLUDED = 12, "was left out on request"
-    COMPARED = 13, "was compared only, as the sensor is not an independent measurement"
 
     sentence: str
 

@@ -14,7 +14,7 @@ import numpy as np
 from leadline.core.attitude import conjugate, logarithm, product, quaternion_from_euler, wrapped
 from leadline.core.geodesy import SEMI_MAJOR_AXIS, north_east
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed
+from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed, Truth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 GRAVITY = 9.8
 SENTINELS = (-32768.0, 32767.0, -32.768, 32.767, -327.68, 327.67, -999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
+SLOW_IMU, SLOW = 0.5, 50.0  # s between rows: of an IMU, and of a DVL, a heading or an attitude where there is no IMU
+SAME_ANGLE, SAME_PLACE, TOGETHER = 1e-4, 0.01, 1e-3  # rad, m, s: two instruments differ by more at the same moments
 FAR = 1e5  # m: farther from the origin than any dive
 
 
@@ -35,7 +37,10 @@ def suspicions(log: Log) -> Iterator[Finding]:
         yield from _place(name, table, log)
         yield from _course(name, table, log)
     yield from _time_scales(log)
+    yield from _slow(log)
     yield from _same_hardware(log)
+    yield from _same_heading(log)
+    yield from _same_place(log)
 
 
 def _finite(values: Any) -> Array:
@@ -70,6 +75,21 @@ def _time_scales(log: Log) -> Iterator[Finding]:
         elif all(first > b or last < a for a, b in others):
             sentence = f"its times, {first:.6g} to {last:.6g} s, meet those of no other table"
             yield Finding("problem", name, sentence, {"first_s": first, "last_s": last})
+
+
+def _slow(log: Log) -> Iterator[Finding]:
+    """Rates a thousandth of what such instruments have: all times in milliseconds at once, which no other table gives away."""
+    times = {name: t for name, table in log.tables.items() if len(t := np.unique(_finite(table.time))) >= 10 and t[-1] < 6e8}
+    steps = {name: float(np.median(np.diff(t))) for name, t in times.items()}
+    imus = [name for name in steps if isinstance(log.tables[name], Imu)]
+    prompt = imus or [name for name in steps if isinstance(log.tables[name], Dvl | Heading | Attitude)]
+    slow = [name for name in prompt if steps[name] > (SLOW_IMU if imus else SLOW)]
+    usual = np.median([np.ptp(t) for t in times.values()]) if times else 0.0
+    if len(slow) < len(prompt) or any(np.ptp(times[name]) > 300.0 * usual for name in slow):
+        return  # one table alone is compared with the others
+    for name in slow:
+        sentence = f"has a row only every {steps[name]:.4g} s, too slow for its kind: is time_s in milliseconds?"
+        yield Finding("problem", name, sentence, {"interval_s": steps[name]})
 
 
 def _sentinels(name: str, table: Table) -> Iterator[Finding]:
@@ -310,6 +330,42 @@ def _same_hardware(log: Log) -> Iterator[Finding]:
             if likeness > 0.98:
                 sentence = f"its rates repeat the noise of the gyro '{other}' (correlation {likeness:.4f}): one instrument, not two"
                 yield Finding("suspicion", name, sentence, {"correlation": likeness})
+
+
+def _same_heading(log: Log) -> Iterator[Finding]:
+    """One heading under two names, which a constant turn between them (declination, mounting) does not hide."""
+    tables = {n: t for n, t in log.tables.items() if isinstance(t, Heading | Attitude) and t.heading is not None}
+    for (one, a), (two, b) in combinations(tables.items(), 2):
+        first, second = _at_same_times(a, [a.heading], b, [b.heading])
+        turn = wrapped((first - second - first[:1] + second[:1])[:, 0])
+        if len(first) >= 20 and np.ptp(first) > SAME_ANGLE and np.mean(np.abs(turn - np.median(turn)) < SAME_ANGLE) > 0.9:
+            name, other = (two, one) if isinstance(b, Heading) else (one, two)
+            yield Finding("suspicion", name, f"its heading repeats that of '{other}': one instrument, not two", {"rows": len(first)})
+
+
+def _same_place(log: Log) -> Iterator[Finding]:
+    """Fixes that are the reference as well: truth that a solution has already used."""
+    for name, table in log.tables.items():
+        for other, fixes in log.tables.items():
+            if not isinstance(table, Truth) or not isinstance(fixes, Gnss | PositionFix):
+                continue
+            first, second = _at_same_times(table, [table.latitude, table.longitude], fixes, [fixes.latitude, fixes.longitude])
+            if len(first) >= 10 and np.mean(np.abs(first - second).max(axis=1) < SAME_PLACE / SEMI_MAJOR_AXIS) > 0.5:
+                sentence = f"repeats the positions of '{other}': it tells no errors of a solution that used them"
+                yield Finding("note", name, sentence, {"rows": len(first)})
+
+
+def _at_same_times(a: Table, of_a: list[Array | None], b: Table, of_b: list[Array | None]) -> tuple[Array, Array]:
+    """Return the values (n, d) of two tables at the moments that both have, to a millisecond; none where one lacks a column."""
+    if any(values is None for values in (*of_a, *of_b)) or not len(a) or not len(b):
+        return np.empty((0, 1)), np.empty((0, 1))
+    one, two = (_finite(np.column_stack([t.time, *columns])) for t, columns in ((a, of_a), (b, of_b)))  # type: ignore[list-item]
+    if not len(two):
+        return two[:, 1:], two[:, 1:]
+    two = two[np.argsort(two[:, 0], kind="stable")]
+    after = np.clip(np.searchsorted(two[:, 0], one[:, 0] - TOGETHER), 0, len(two) - 1)
+    met = np.abs(two[after, 0] - one[:, 0]) <= TOGETHER
+    return one[met, 1:], two[after[met], 1:]
 
 
 def _equal(a: Array | None, b: Array | None) -> bool:

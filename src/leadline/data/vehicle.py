@@ -94,6 +94,7 @@ class Vehicle:
     sensors: Mapping[str, SensorConfig]
     process: ProcessConfig = ProcessConfig()
     path: Path | None = None
+    excluded: frozenset[str] = frozenset()  # instruments that were left out on request
 
     def __getitem__(self, name: str) -> SensorConfig:
         """Return an instrument; raises InputError when the vehicle lacks it."""
@@ -105,13 +106,14 @@ class Vehicle:
         """Return the vehicle with the named instruments alone."""
         for name in names:
             self[name]
-        return replace(self, sensors={k: v for k, v in self.sensors.items() if k in names})
+        return self.without(*(name for name in self.sensors if name not in names))
 
     def without(self, *names: str) -> Vehicle:
         """Return the vehicle without the named instruments."""
         for name in names:
             self[name]
-        return replace(self, sensors={k: v for k, v in self.sensors.items() if k not in names})
+        kept = {k: v for k, v in self.sensors.items() if k not in names}
+        return replace(self, sensors=kept, excluded=self.excluded | set(names))
 
 
 def read_vehicle(path: str | Path) -> Vehicle:

@@ -27,6 +27,7 @@ HEAD = """\
 # A preset fills in data-sheet figures; what stands here itself comes before them.  Lever arms and mountings are yours to measure.
 # The figures below are of a middle class of instrument: put your own.  `leadline vehicle check FILE` says what is understood.
 """
+NO_IMU = "# This log has no imu table; the process model `inertial` needs one.\n"
 PROCESS = """\
 [process]
 model = "inertial"              # strapdown navigation, driven by the IMU named next
@@ -65,6 +66,7 @@ FIGURES: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("speed_max_mps", "10.0", "what is faster is out of range"),
         ("nuisance.scale", "{ sigma_percent = 0.5 }", "constant scale error: sound speed and factory"),
         ("nuisance.mounting", "{ sigma_deg = 0.5 }", "what is left of the mounting error, per axis"),
+        ("#nuisance.bias", "{ sigma_mps = 0.005, tau_s = 60.0 }", "an error that wanders, where innovations are correlated in time"),
     ),
     "depth": (
         ("sigma_m", "0.05", "of one reading"),
@@ -121,6 +123,8 @@ EXAMPLE = (
     Entry("imu", "imu", 100.0), Entry("dvl", "dvl", 5.0), Entry("depth", "depth", 10.0), Entry("heading", "heading", 10.0),
     Entry("attitude", "attitude", 50.0), Entry("gnss", "gnss", 1.0), Entry("usbl", "position_fix", 0.1),
     Entry("ranges", "acoustic_range", 0.2), Entry("standstill", "zero_velocity"), Entry("magnetometer", "magnetometer", 50.0),
+    Entry("yaw_rate", "yaw_rate", 100.0), Entry("speed", "speed", 1.0),
+    Entry("altimeter", "altimeter", 5.0), Entry("pressure", "pressure", 5.0),
 )  # fmt: skip
 
 
@@ -134,9 +138,9 @@ def template(log: Log | None = None) -> str:
     name = "my-vehicle" if log is None else log.vehicle or log.name
     process = PROCESS.format(imu=f"{_text(imus[0]) if imus else _text('imu'):<26}# the name of its table")
     if not imus:
-        process += "# The log has no table of kind imu, and this process model needs one.\n"
+        process += "# The log has no table of kind imu: record one, and name it here.\n"
     blocks = [_block(entry, log is not None) for entry in entries]
-    return "\n".join([HEAD, f"name = {_text(name)}\n", process, *blocks])
+    return "\n".join([HEAD if imus else NO_IMU + HEAD, f"name = {_text(name)}\n", process, *blocks])
 
 
 def _entry(name: str, table: Table) -> Entry:

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.estimate.plan import IS_CLONE, IS_DROP, IS_INPUT, IS_MARK, IS_OUTPUT
+from leadline.estimate.plan import IS_CLONE, IS_DROP, IS_INPUT, IS_OUTPUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 Integers = npt.NDArray[np.int64]
 RECENT = 10  # rows that a time is held against
-RANK = {IS_CLONE: 1, IS_DROP: 2, IS_MARK: 3, IS_OUTPUT: 4, IS_INPUT: 5}  # measurements: 0
+RANK = {IS_CLONE: 1, IS_DROP: 2, IS_OUTPUT: 3, IS_INPUT: 4}  # measurements: 0
 
 
 class Event(NamedTuple):
@@ -175,7 +176,8 @@ class Screen:
         arrival = table.received if table.received is not None else table.sequence
         if arrival is None:
             return np.zeros(len(table), bool)
-        order = np.argsort(arrival, kind="stable")
+        order = np.argsort(arrival, kind="stable") if len(np.unique(arrival)) == len(arrival) else np.arange(len(arrival))  # or it wraps
+        order = order[np.isfinite(arrival[order])]
         time = np.where(np.isfinite(table.time), table.time, -np.inf)[order]
         known = np.concatenate([self.recent, time])
         self.recent = known[-RECENT:]
@@ -214,9 +216,9 @@ def _row_bytes(table: Table, *, with_time: bool) -> npt.NDArray[np.void]:
 
 
 def measurements(
-    sensor: Sensor, first_slot: int, table: Table, screen: Screen, start: float, end: float = np.inf
+    sensor: Sensor, first_slot: int, table: Table, screen: Screen, start: float, end: float = np.inf, oldest: float = -np.inf
 ) -> tuple[list[Batch], Integers]:
-    """Return a sensor's events, and for each table row the outcome of those that give none.
+    """Return a sensor's events, and for each table row the outcome of those that give none; rows valid before `oldest` are late.
 
     A row of a channel with two epochs brings the clone of its earlier epoch, and the moment at which that is forgotten; the
     earlier epoch becomes the last number of the row.
@@ -228,8 +230,12 @@ def measurements(
     time = table.time - latency
     outcome[(outcome == Outcome.USED) & ~np.isfinite(time)] = Outcome.INVALID
     outcome[(outcome == Outcome.USED) & ((time < start) | (time > end))] = Outcome.OUTSIDE_RUN
+    outcome[(outcome == Outcome.USED) & (time < oldest)] = Outcome.LATE
     batches: list[Batch] = []
     for rows in read.rows:
+        asked, found = sensor.channels[rows.channel].row_length, rows.data.shape[1]
+        if found != asked:  # a kernel would read on into the next row
+            raise InputError(f"sensors.{sensor.config.name}", f"makes rows of {found} numbers", f"its channel has row_length {asked}")
         keep = outcome[rows.row] == Outcome.USED
         index, data = rows.row[keep], rows.data[keep]
         if rows.earlier is not None and len(index):

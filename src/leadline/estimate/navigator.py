@@ -14,11 +14,12 @@ import numpy as np
 
 from leadline.data.errors import InputError, suggestion
 from leadline.data.outcome import Outcome
-from leadline.data.records import Imu, Table
+from leadline.data.records import KINDS, Imu, Table
 from leadline.estimate import loop
 from leadline.estimate import plan as at
 from leadline.estimate.composition import Composition, Workspace, output_size
-from leadline.estimate.events import Batch, Event, Events, Integers, Screen, measurements, of_list
+from leadline.estimate.events import RANK, Batch, Event, Events, Integers, Screen, measurements, of_list
+from leadline.estimate.output import Reference, solution_of
 from leadline.estimate.python_sensor import evaluate
 from leadline.models.imu import InputStream
 from leadline.models.layout import TIME
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from leadline.data.records import Array
+    from leadline.data.solution import Solution
 
 CHECKPOINT_EVERY = 100  # events
 
@@ -54,14 +56,27 @@ class Navigator:
     state: the flat array of models/layout.py; all that is known lies in it.
     """
 
-    def __init__(self, composition: Composition, state: Array, inputs: InputStream | None = None, window: float = 30.0) -> None:
-        """Start from a state; `inputs` turns IMU rows into inputs, `window` (s) is how late a row may arrive."""
+    def __init__(
+        self,
+        composition: Composition,
+        state: Array,
+        inputs: InputStream | None = None,
+        window: float = 30.0,
+        reference: Reference | None = None,
+        unmodelled: frozenset[str] = frozenset(),
+    ) -> None:
+        """Start from a state; `inputs` turns IMU rows into inputs, `window` (s) is how late a row may arrive.
+
+        `reference` says against what estimates are expressed; `unmodelled` names sensors that no model uses yet.
+        """
+        self.unmodelled = unmodelled
         self.composition, self.state, self.inputs, self.window = composition, state.copy(), inputs, window
+        self.reference = reference
         self.start = float(state[TIME])
         self._workspace = Workspace(composition.layout)
         self._screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
-        self._rows = dict.fromkeys([*self._sensors, composition.process.consumes or "", "imu"], 0)
+        self._rows = dict.fromkeys(self._sensors, 0)
         self._events: list[Event] = []  # in order, of the window
         self._done = 0  # how many of them are in the state
         self._checkpoints: list[Checkpoint] = []
@@ -112,25 +127,33 @@ class Navigator:
         A row that waits for its input counts as USED until it has been judged; `outcomes` holds the last word on every row, by
         sensor and number of the row.  Raises InputError for a sensor that the composition does not have.
         """
-        if isinstance(rows, Imu):
-            return self._add_input(sensor, rows)
-        if sensor not in self._sensors:
-            raise InputError("navigator", f"has no sensor '{sensor}'", suggestion(sensor, self._sensors))
+        if self.inputs is not None and sensor == self.inputs.name and isinstance(rows, Imu):
+            return self._add_input(rows)
+        if sensor in self.unmodelled:
+            return np.full(len(rows), int(Outcome.NO_MODEL))
+        self._check(sensor, rows)
         first = self._rows[sensor]
         self._rows[sensor] += len(rows)
         slot = self.composition.first_slot[sensor]
-        batches, outcome = measurements(self._sensors[sensor], slot, rows, self._screens[sensor], self.start)
-        outcome[(outcome == Outcome.USED) & (rows.time < self.time - self.window)] = Outcome.LATE
-        late = set(np.flatnonzero(outcome == Outcome.LATE).tolist())
-        self._insert([event for batch in batches for event in _numbered(batch, first) if event.row - first not in late])
+        oldest = self.time - self.window
+        batches, outcome = measurements(self._sensors[sensor], slot, rows, self._screens[sensor], self.start, oldest=oldest)
+        self._insert([event for batch in batches for event in _numbered(batch, first)])
         for i, code in enumerate(outcome):
             self.outcomes[sensor, first + i] = int(code)
         self._process()
         return np.array([self.outcomes[sensor, first + i] for i in range(len(rows))])
 
-    def _add_input(self, sensor: str, rows: Imu) -> Integers:
+    def _check(self, sensor: str, rows: Table) -> None:
+        if sensor not in self._sensors:
+            known = [*self._sensors, *([self.inputs.name] if self.inputs is not None else [])]
+            raise InputError("navigator", f"has no sensor '{sensor}' for rows of kind '{rows.kind}'", suggestion(sensor, known))
+        kind = self._sensors[sensor].config.kind
+        if kind in KINDS and rows.kind != kind:
+            raise InputError("navigator", f"'{sensor}' was handed rows of kind '{rows.kind}'", f"it is of kind '{kind}'")
+
+    def _add_input(self, rows: Imu) -> Integers:
         if self.inputs is None:
-            raise InputError("navigator", f"has no input for '{sensor}'", "the process model consumes none")
+            raise InputError("navigator", "has no input stream", "the process model consumes none")
         start, data, outcome = self.inputs.push(rows)
         self._insert(list(Batch(at.IS_INPUT, start, data)))
         self._process()
@@ -195,9 +218,12 @@ class Navigator:
     def _consume_live(self, events: list[Event]) -> None:
         stream = of_list(events)
         results = self.run(stream)
+        found: dict[tuple[str, int], int] = {}
         for event, index in zip(events, stream.index, strict=True):
-            if event.kind >= 0:
-                self.outcomes[event.sensor, event.row] = int(results.outcome[index])
+            if event.kind >= 0:  # a row of several channels counts as used if any of them was
+                key, outcome = (event.sensor, event.row), int(results.outcome[index])
+                found[key] = min(found.get(key, outcome), outcome)
+        self.outcomes |= found
 
     def _forget(self) -> None:
         """Drop events and checkpoints that no row inside the window can need."""
@@ -207,10 +233,19 @@ class Navigator:
             del self._events[:cut]
             self._done -= cut
 
-    def estimate(self, time: float | None = None) -> Array:
-        """Return one output (plan.py) at a time not before the state's; the state stays as it is."""
+    def estimate(self, time: float | None = None) -> Solution:
+        """Return the estimate at a time not before the state's, as a Solution of one row; the state stays as it is."""
+        if self.reference is None:
+            raise InputError("navigator", "has no reference to express estimates against", "make it with `navigator_for`")
+        moment = np.array([self.time if time is None else time])
+        return solution_of(self.reference, self.composition, moment, self.output(time)[None])
+
+    def output(self, time: float | None = None) -> Array:
+        """Return the numbers of one output (plan.py) at a time not before the state's; the state stays as it is."""
         moment = self.time if time is None else time
-        events = of_list([Event(moment, 4, at.IS_OUTPUT)])
+        if moment < self.time:
+            raise InputError("navigator", f"cannot say what was at {moment} s", f"it stands at {self.time} s")
+        events = of_list([Event(moment, RANK[at.IS_OUTPUT], at.IS_OUTPUT)])
         return np.asarray(self.run(events, outputs=1).output[0])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,9 @@ from leadline.estimate import plan as at
 from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, RATE_VARIANCE_V, VELOCITY_V, VIEW_SIZE
 
 if TYPE_CHECKING:
-    from leadline.data.log import Log, Origin
+    from datetime import datetime
+
+    from leadline.data.log import Origin
     from leadline.data.records import Array
     from leadline.estimate.composition import Composition
     from leadline.models.sensor import Context
@@ -21,15 +24,26 @@ UPPER = np.triu_indices(9)
 EMPTY = Innovations(*(np.zeros(0, kind) for kind in ("U1", int, int, float, float, "U1", float, float, float, int, float, bool, int)))
 
 
-def solution_of(log: Log, origin: Origin, composition: Composition, context: Context, time: Array, output: Array) -> Solution:
-    """Make a Solution, without innovations yet, of outputs (n, size) at `time` (n,)."""
-    output = output[: len(time)]
+@dataclass(frozen=True)
+class Reference:
+    """What estimates are expressed against: the moment of time zero, the origin of north and east, and the sensors' context."""
+
+    epoch: datetime
+    origin: Origin
+    context: Context
+
+
+def solution_of(reference: Reference, composition: Composition, time: Array, output: Array) -> Solution:
+    """Make a Solution, without innovations yet, of outputs (n, size) at `time` (n,); where they are no numbers the status is LOST."""
+    origin, context, output = reference.origin, reference.context, output[: len(time)]
     view = output[:, at.OUT_VIEW : at.OUT_VIEW + VIEW_SIZE]
     lever_b = -context.reference_b  # from the reference point to the body origin
-    point = shifted(view, unpacked(output[:, at.OUT_COV : at.OUT_X]), lever_b)
+    with np.errstate(invalid="ignore", over="ignore"):
+        point = shifted(view, unpacked(output[:, at.OUT_COV : at.OUT_X]), lever_b)
+    lost = ~np.isfinite(output).all(axis=1)
     north, east = geodesy.north_east(point[0], point[1], origin.latitude, origin.longitude)
     return Solution(
-        epoch=log.epoch,
+        epoch=reference.epoch,
         origin=origin,
         time=time,
         latitude=point[0],
@@ -41,7 +55,7 @@ def solution_of(log: Log, origin: Origin, composition: Composition, context: Con
         velocity_n=point[3],
         quaternion_nb=point[4],
         covariance=point[5],
-        status=np.full(len(time), int(Status.AIDED)),
+        status=np.where(lost, int(Status.LOST), int(Status.AIDED)),
         innovations=EMPTY,
         nuisances=estimates(composition, output),
     )
@@ -66,7 +80,8 @@ def shifted(view: Array, covariance: Array, lever_b: Array) -> tuple[Array, Arra
     turning = np.einsum("nij,nj->ni", rotation_nb, np.cross(view[:, RATE_V : RATE_V + 3], lever_b))
     place = geodesy.ecef_from_geodetic(*_geographic(rotation_en), view[:, HEIGHT_V])
     latitude, longitude, height = geodesy.geodetic_from_ecef(place + np.einsum("nij,nj->ni", rotation_en, lever))
-    angle = np.arctan2(-rotation_en[:, 2, 1], rotation_en[:, 2, 0])
+    level = np.swapaxes(geodesy.rotation_en(latitude, longitude), 1, 2) @ rotation_en  # north is that of the new point
+    angle = np.arctan2(level[:, 1, 0], level[:, 0, 0])
     turn = attitude.matrix_from_euler(np.zeros_like(angle), np.zeros_like(angle), angle)
     velocity = np.einsum("nij,nj->ni", turn, view[:, VELOCITY_V:QUATERNION_V] + turning)
     north = attitude.quaternion_from_euler(np.zeros_like(angle), np.zeros_like(angle), angle)

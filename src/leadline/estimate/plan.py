@@ -13,7 +13,7 @@ CHANNEL, CHANNEL_SIZE = LAYOUT_END + 12, SLOT_NUISANCE + NUISANCES
 (SENSOR_AT, PARAMS, PARAMS_END, COMPONENTS_N, ANGLES, EPOCHS, VALUES_N, VALUES, GATE) = range(9)  # then SLOT_NUISANCE: index or -1
 
 # Kinds of event that are no channel.
-IS_INPUT, IS_OUTPUT, IS_CLONE, IS_DROP, IS_MARK = -1, -2, -3, -4, -5
+IS_INPUT, IS_OUTPUT, IS_CLONE, IS_DROP = -1, -2, -3, -4
 
 # What an update leaves in `result`.
 NIS, RESIDUAL, SIGMA, RESULT_SIZE = 0, 1, 9, 17

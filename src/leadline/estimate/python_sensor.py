@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.core.gaussian import wrapped
+from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
 from leadline.models.layout import LAST_USED, TIME
 from leadline.models.view import TANGENT, VIEW_SIZE, NavigationView, retract_view
@@ -33,16 +34,27 @@ def evaluate(composition: Composition, work: Workspace, state: Array, slot: int,
     own = row[: channel.row_length]
     c = len(channel.components)
     for i in range(k):
-        value, covariance = ask(channel, work.V[i], work.N[i], own)
-        work.Z[i, :c], work.R[:c, :c] = value, np.diag(covariance) if np.ndim(covariance) == 1 else covariance
+        work.Z[i, :c], work.R[:c, :c] = checked(ask(channel, work.V[i], work.N[i], own), c, composition.slots[slot].sensor)
     if not (np.isfinite(work.Z[:k, :c]).all() and np.isfinite(work.R[:c, :c]).all()):
         return int(Outcome.INVALID)
-    work.Hv[:c, : TANGENT * channel.epochs], work.Hn[:c] = jacobians(channel, work.V[0], work.N[0], own)
+    work.Hv[:c, : TANGENT * channel.epochs], work.Hn[:c, : len(channel.nuisances)] = jacobians(channel, work.V[0], work.N[0], own)
     arrays = (work.Z, work.R, work.Hv, work.Hn, work.work, work.points, result)
     outcome = int(estimator.update(composition.plan, composition.params, state, slot, row, *arrays))
     if outcome == Outcome.USED:
         state[LAST_USED + slot] = state[TIME]
     return outcome
+
+
+def checked(answer: tuple[Array, Array], count: int, sensor: str) -> tuple[Array, Array]:
+    """Return value (c,) and covariance (c, c) of an answer; raises InputError where they have other sizes, or no positive variance."""
+    value, covariance = answer
+    full = np.diag(covariance) if covariance.ndim == 1 else covariance
+    if value.shape != (count,) or full.shape != (count, count):
+        found = f"predicts {value.shape} with a covariance {covariance.shape}"
+        raise InputError(f"sensors.{sensor}.model", found, f"its components ask for ({count},) and ({count},) or ({count}, {count})")
+    if not (np.diagonal(full) > 0.0).all() and np.isfinite(full).all():
+        raise InputError(f"sensors.{sensor}.model", f"predicts the variances {np.diagonal(full).tolist()}", "they must be positive")
+    return value, full
 
 
 def ask(channel: Channel, views: Array, nuisance: Array, row: Array) -> tuple[Array, Array]:
@@ -57,11 +69,13 @@ def jacobians(channel: Channel, views: Array, nuisance: Array, row: Array) -> tu
     count = TANGENT * channel.epochs
     return (
         _differences(channel, count, lambda j, h: ask(channel, _moved(views, j, h), nuisance, row)[0]),
-        _differences(channel, len(nuisance), lambda j, h: ask(channel, views, _shifted(nuisance, j, h), row)[0]),
+        _differences(channel, len(channel.nuisances), lambda j, h: ask(channel, views, _shifted(nuisance, j, h), row)[0]),
     )
 
 
 def _differences(channel: Channel, count: int, value: Any) -> Array:
+    if not count:
+        return np.zeros((len(channel.components), 0))
     columns = np.stack([value(j, STEP) - value(j, -STEP) for j in range(count)], axis=1)
     for i, angle in enumerate(channel.angles):
         if angle:

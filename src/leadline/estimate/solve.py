@@ -10,15 +10,17 @@ import numpy as np
 
 from leadline.core import attitude, geodesy
 from leadline.data.errors import InputError, suggestion
+from leadline.data.log import Log, Origin
 from leadline.data.outcome import Outcome
 from leadline.data.records import Imu, Truth
 from leadline.data.solution import Innovations, Solution, Status
+from leadline.data.vehicle import Vehicle
 from leadline.estimate import kalman
 from leadline.estimate import plan as at
 from leadline.estimate.composition import Composition, room_for_clones
 from leadline.estimate.events import Batch, Events, Screen, agreed, measurements, ordered
 from leadline.estimate.navigator import Navigator, Results
-from leadline.estimate.output import solution_of
+from leadline.estimate.output import Reference, solution_of
 from leadline.estimate.start import Start, origin_of, start_of
 from leadline.models.imu import InputStream, rates_of
 from leadline.models.inertial import inertial
@@ -30,15 +32,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from leadline.data.log import Log
     from leadline.data.records import Array
-    from leadline.data.vehicle import Vehicle
     from leadline.estimate.events import Integers
     from leadline.models.sensor import Sensor
 
 ESTIMATORS: Mapping[str, Any] = {"ekf": kalman}
 DEFAULT_RATE = 10.0
 AIDED_FOR = 10.0  # s
+MOST_STATES = 3_000_000
+UNSEEN = (Outcome.NOT_CONFIGURED, Outcome.NO_MODEL, Outcome.EXCLUDED)
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,18 @@ def solve(
     `progress` is called with the fraction done.  Raises InputError for what cannot be run: a missing position or heading at the
     start, a process model without its input, a sensor that the process model cannot serve.
     """
-    navigator, start, context = navigator_for(log, vehicle, estimator=estimator)
+    for value, kind, right in ((log, Log, "leadline.read_log(path)"), (vehicle, Vehicle, "leadline.read_vehicle(path)")):
+        if not isinstance(value, kind):
+            raise InputError("solve", f"was given a {type(value).__name__} for the {kind.__name__.lower()}", f"give {right}")
+    navigator, _, _ = navigator_for(log, vehicle, estimator=estimator)
     stream = stream_of(log, vehicle, navigator, rate=rate, times=times, end=end)
     results = navigator.run(stream.events, len(stream.times), progress)
-    solution = solution_of(log, origin_of(log, start), navigator.composition, context, stream.times, results.output)
-    innovations = innovations_of(log, navigator.composition, stream, results)
+    reference = navigator.reference or Reference(log.epoch, Origin(0.0, 0.0), Context())
+    solution = solution_of(reference, navigator.composition, stream.times, results.output)
+    innovations = innovations_of(log, vehicle, navigator.composition, stream, results)
+    status = np.maximum(solution.status, _status(navigator, stream, results))
     summary = _summary(log, vehicle, estimator, solution, innovations)
-    return replace(solution, innovations=innovations, status=_status(navigator, stream, results), summary=summary)
+    return replace(solution, innovations=innovations, status=status, summary=summary)
 
 
 def _status(navigator: Navigator, stream: Stream, results: Results) -> Integers:
@@ -99,9 +106,11 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     if clones is None:
         clones = min(MOST_CLONES, room_for_clones(process, sensors), _clones_needed(sensors, log))
     composition = Composition(process, sensors, ESTIMATORS[estimator], clones)
-    start = start_of(log, vehicle, context)
+    start = start_of(log, vehicle, context, sensors)
     state = composition.layout.start(start.time, *_initial(start, vehicle, log))
-    return Navigator(composition, state, InputStream.of(imu), window), start, context
+    reference = Reference(log.epoch, origin_of(log, start), context)
+    unmodelled = frozenset(vehicle.sensors) - {s.config.name for s in sensors} - {vehicle.process.imu}
+    return Navigator(composition, state, InputStream.of(imu), window, reference, unmodelled), start, context
 
 
 def _clones_needed(sensors: tuple[Sensor, ...], log: Log) -> int:
@@ -147,7 +156,9 @@ def _skew(a: Array) -> Array:
 
 def _first_rate(log: Log, vehicle: Vehicle, start: Start) -> Array:
     """Angular rate of the body against the Earth at the start (3,): a line through the gyro's rows of a fifth of a second."""
-    imu, config = _imu_table(log, vehicle), vehicle[vehicle.process.imu]
+    imu, config = log.tables.get(vehicle.process.imu), vehicle[vehicle.process.imu]
+    if not isinstance(imu, Imu):
+        return np.zeros(3)
     rates, _, _ = rates_of(imu)
     near = np.flatnonzero(np.isfinite(rates).all(axis=1) & (np.abs(imu.time - start.time) < 0.1))
     near = near[np.argsort(imu.time[near], kind="stable")]  # the order of rows carries no meaning, down to the rounding of a sum
@@ -174,14 +185,11 @@ def stream_of(
     if navigator.inputs is None:
         raise InputError("solve", "needs a navigator with an input stream")
     start = navigator.start
-    table = _imu_table(log, vehicle)
-    order = np.argsort(table.time, kind="stable")
-    when, data, imu_outcome = InputStream.of(vehicle[vehicle.process.imu]).push(table.select(order))  # type: ignore[arg-type]
-    outcome: dict[str, Integers] = {vehicle.process.imu: np.empty_like(imu_outcome)}
-    outcome[vehicle.process.imu][order] = imu_outcome
-    if not len(when) or int((imu_outcome == Outcome.USED).sum()) < 2:
-        raise InputError(f"{log.path or log.name}: {vehicle.process.imu}", "gives no interval to navigate over", "at least two valid rows")
-    last = float(table.time[order][imu_outcome == Outcome.USED][-1]) - vehicle[vehicle.process.imu].latency if end is None else end
+    when, data, imu_outcome, covered = _inputs_of(log, vehicle)
+    outcome: dict[str, Integers] = {vehicle.process.imu: imu_outcome}
+    if end is not None and end > covered:
+        raise InputError("end", f"{end} s lies after the last inertial row", f"at most {covered} s")
+    last = covered if end is None else end
     if last <= start:
         where = f"{log.path or log.name}: [initial] time_s"
         raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
@@ -189,10 +197,32 @@ def stream_of(
     batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
     batches += _measured(log, navigator, start, last, outcome)
     moments = _output_times(start, last, rate) if times is None else np.asarray(times, float)
-    if len(moments) and (moments.min() < start or moments.max() > last):
-        raise InputError("times", f"{moments.min()} to {moments.max()} s", f"the run is from {start} to {last} s")
+    if not len(moments) or not (moments.min() >= start and moments.max() <= last):
+        found = f"{moments.min()} to {moments.max()} s" if len(moments) else "none"
+        raise InputError("times", found, f"the run is from {start} to {last} s")
     batches.append(Batch(at.IS_OUTPUT, np.sort(moments), np.zeros((len(moments), 0))))
     return Stream(ordered(agreed(batches)), outcome, np.sort(moments))
+
+
+def _inputs_of(log: Log, vehicle: Vehicle) -> tuple[Array, Array, Integers, float]:
+    """Start times and inputs of the IMU, the outcome of each of its rows, and the time up to which they reach.
+
+    A last row beyond a gap has no neighbour to confirm its time: it is invalid, or one wrong stamp would lead the run astray.
+    """
+    table, config = _imu_table(log, vehicle), vehicle[vehicle.process.imu]
+    inputs, order = InputStream.of(config), np.argsort(table.time, kind="stable")
+    when, data, sorted_outcome = inputs.push(table.select(order))  # type: ignore[arg-type]
+    used = np.flatnonzero(sorted_outcome == Outcome.USED)
+    time = table.time[order[used]] - config.latency
+    if len(used) < 2 or not len(when):
+        where = f"{log.path or log.name}: {vehicle.process.imu}"
+        raise InputError(where, "gives no interval to navigate over", "at least two valid rows")
+    covered = float(time[-1])
+    if len(used) > 2 and time[-1] - time[-2] > inputs.gap:
+        covered, sorted_outcome[used[-1]] = float(time[-2]), int(Outcome.INVALID)
+    outcome = np.empty_like(sorted_outcome)
+    outcome[order] = sorted_outcome
+    return when[when < covered], data[when < covered], outcome, covered
 
 
 def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome: dict[str, Integers]) -> list[Batch]:
@@ -209,12 +239,15 @@ def _measured(log: Log, navigator: Navigator, start: float, last: float, outcome
 def _output_times(start: float, last: float, rate: float) -> Array:
     """Multiples of the output interval inside the run, and both ends."""
     if not 0.0 < rate < np.inf:
-        raise InputError("rate", f"{rate} Hz", "a positive number")
+        raise InputError("rate", f"{rate} Hz", "give a positive number of states per second")
+    if (last - start) * rate > MOST_STATES:
+        found = f"{rate} Hz from {start} to {last} s gives {(last - start) * rate:.0f} states"
+        raise InputError("rate", found, f"at most {MOST_STATES}: is time_s in seconds? or ask for fewer")
     first, final = int(np.ceil(start * rate - 1e-9)), int(np.floor(last * rate + 1e-9))
     return np.unique(np.clip(np.concatenate([[start], np.arange(first, final + 1) / rate, [last]]), start, last))
 
 
-def innovations_of(log: Log, composition: Composition, stream: Stream, results: Results) -> Innovations:
+def innovations_of(log: Log, vehicle: Vehicle, composition: Composition, stream: Stream, results: Results) -> Innovations:
     """Name the results: one entry per component of each measurement looked at, one per row that was not."""
     events, slots = stream.events, composition.slots
     measured = np.flatnonzero(events.measured)
@@ -240,15 +273,23 @@ def innovations_of(log: Log, composition: Composition, stream: Stream, results: 
         widened=np.zeros(len(group), bool),
         outcome=results.outcome[group],
     )
-    return _joined(looked_at, [_unused(name, log, verdicts) for name, verdicts in _all_outcomes(log, stream).items()])
+    return _joined(looked_at, [_unused(name, log, verdicts) for name, verdicts in _all_outcomes(log, vehicle, stream).items()])
 
 
-def _all_outcomes(log: Log, stream: Stream) -> dict[str, Integers]:
-    """Outcomes of the rows of every table but truth; a table that the vehicle does not name is not configured."""
-    missing = int(Outcome.NOT_CONFIGURED)
+def _all_outcomes(log: Log, vehicle: Vehicle, stream: Stream) -> dict[str, Integers]:
+    """Outcomes of the rows of every table but truth."""
     return {
-        name: stream.outcome.get(name, np.full(len(table), missing)) for name, table in log.tables.items() if not isinstance(table, Truth)
+        name: stream.outcome.get(name, np.full(len(table), int(_why_not(name, vehicle))))
+        for name, table in log.tables.items()
+        if not isinstance(table, Truth)
     }
+
+
+def _why_not(name: str, vehicle: Vehicle) -> Outcome:
+    """Why a table was not looked at."""
+    if name in vehicle.excluded:
+        return Outcome.EXCLUDED
+    return Outcome.NO_MODEL if name in vehicle.sensors else Outcome.NOT_CONFIGURED
 
 
 def _unused(name: str, log: Log, verdicts: Integers) -> Innovations:
@@ -286,7 +327,6 @@ def _summary(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, inn
     """What was run, and what became of every row."""
     from leadline import __version__
 
-    distance = float(np.hypot(np.diff(solution.north), np.diff(solution.east)).sum())
     return {
         "leadline": __version__,
         "log": log.name,
@@ -295,7 +335,6 @@ def _summary(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, inn
         "estimator": estimator,
         "start_s": float(solution.time[0]),
         "end_s": float(solution.time[-1]),
-        "distance_m": distance,
         "counts": counts_of(log, innovations),
         "inputs": {str(path): file_hash(path) for path in _inputs(log, vehicle)},
     }
@@ -315,15 +354,17 @@ def file_hash(path: Path) -> str:
 
 
 def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:
-    """Count by sensor and outcome: measurements by group, rows that gave none by row, and inertial rows that were used."""
+    """Count rows by sensor and outcome; a row of several channels counts as used if any of them was."""
     counts: dict[str, dict[str, int]] = {}
     for name, table in log.tables.items():
+        if isinstance(table, Truth):
+            continue
         mine = innovations.select(innovations.sensor == name)
-        _, first = np.unique(mine.group, return_index=True)
-        codes, number = np.unique(mine.outcome[first], return_counts=True)
+        rows, which = np.unique(mine.row, return_inverse=True)
+        outcome = np.full(len(rows), max(Outcome))
+        np.minimum.at(outcome, which, mine.outcome)
+        codes, number = np.unique(outcome, return_counts=True)
         counts[name] = {Outcome(int(c)).name.lower(): int(k) for c, k in zip(codes, number, strict=True)}
-        if isinstance(table, Imu) and Outcome.NOT_CONFIGURED not in mine.outcome:
-            counts[name] = {"used": len(table) - len(np.unique(mine.row)), **counts[name]}
-        elif isinstance(table, Truth):
-            del counts[name]
+        if isinstance(table, Imu) and not np.isin(outcome, UNSEEN).any():
+            counts[name] = {"used": len(table) - len(rows), **counts[name]}
     return counts

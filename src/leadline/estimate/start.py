@@ -1,7 +1,9 @@
-"""The start of a run: what the log's [initial] says, filled up from the first rows of the sensors.
+"""The start of a run: what the log's [initial] says, filled up from the first usable rows of the sensors.
 
-Position comes from [initial], else the first position fix or satellite fix; heading from the first attitude or heading; roll and
-pitch from the first attitude, else by levelling; depth from the first depth; velocity from [initial], else rest within 2 m/s.
+Position comes from [initial], else the first satellite or position fix; heading from the first attitude or heading; roll and pitch
+from the first attitude, else by levelling; depth from the first depth; velocity from [initial], else rest within 2 m/s.  Mountings,
+declination and lever arms are those of the sensor models.  A row that serves here and later as a measurement counts once and a
+quarter: its sigma is doubled here.
 """
 
 from __future__ import annotations
@@ -11,22 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from leadline.core import attitude
+from leadline.core import attitude, geodesy
 from leadline.data.errors import InputError
 from leadline.data.log import Origin
-from leadline.data.records import Attitude, Depth, Gnss, Heading, Imu, PositionFix
-from leadline.models.sensor import usable
+from leadline.data.outcome import Outcome
+from leadline.data.records import Imu
+from leadline.models.imu import rates_of
+from leadline.models.sensors.attitude import measured_quaternion
+from leadline.models.sensors.heading import true_heading
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from leadline.data.log import Initial, Log
-    from leadline.data.records import Array, Table
-    from leadline.data.vehicle import Vehicle
-    from leadline.models.sensor import Context
+    from leadline.data.log import Log
+    from leadline.data.records import Array
+    from leadline.data.vehicle import SensorConfig, Vehicle
+    from leadline.models.sensor import Context, Sensor
 
 SIGMA_POSITION, SIGMA_DEPTH, SIGMA_VELOCITY = 10.0, 1.0, 2.0
-SIGMA_TILT, SIGMA_HEADING = 0.02, 0.05
+SIGMA_TILT, SIGMA_LEVELLED, SIGMA_UNKNOWN_TILT, SIGMA_HEADING = 0.02, 0.05, 0.2, 0.05
 
 
 @dataclass(frozen=True)
@@ -46,111 +49,147 @@ class Start:
     sigma_heading: float
 
 
-def start_of(log: Log, vehicle: Vehicle, context: Context) -> Start:
-    """Return the start of a log; raises InputError where position or heading cannot be had."""
-    tables = {name: table for name, table in log.tables.items() if name in vehicle.sensors and len(table)}
-    initial, where = log.initial, log.path or log.name
-    time = _time(initial, tables, vehicle)
-    latitude, longitude, sigma_position = _position(initial, tables, vehicle, context, str(where), time)
-    roll, pitch, heading, sigma_heading = _attitude(initial, tables, vehicle, str(where), time)
-    depth, sigma_depth = _depth(initial, tables, vehicle, time)
+@dataclass(frozen=True)
+class Source:
+    """Where a start is looked for."""
+
+    log: Log
+    vehicle: Vehicle
+    context: Context
+    sensors: tuple[Sensor, ...]
+
+    @property
+    def where(self) -> str:
+        """The place to name in a message."""
+        return f"{self.log.path or self.log.name}: [initial]"
+
+    def first(self, kind: str, value: str, time: float) -> tuple[SensorConfig, Any] | None:
+        """The first usable row of a kind, with a value, at or after a time: configuration, and a table of one row."""
+        for sensor in self.sensors:
+            table = self.log.tables.get(sensor.config.name)
+            column = getattr(table, value, None)
+            if table is None or sensor.config.kind != kind or column is None:
+                continue
+            known = np.isfinite(column).reshape(len(table), -1).all(axis=1)
+            index = np.flatnonzero(known & (sensor.read(table).outcome == Outcome.USED) & (table.time >= time))
+            if len(index):
+                return sensor.config, table.select(index[np.argmin(table.time[index])][None])
+        return None
+
+
+def start_of(log: Log, vehicle: Vehicle, context: Context, sensors: tuple[Sensor, ...]) -> Start:
+    """Return the start of a log; raises InputError where time, position or heading cannot be had."""
+    source, initial = Source(log, vehicle, context, sensors), log.initial
+    time = _time(source)
+    roll, pitch, sigma_tilt = _tilt(source, time)
+    heading, sigma_heading = _heading(source, time)
+    quaternion = attitude.quaternion_from_euler(roll, pitch, heading)
+    depth, sigma_depth = _depth(source, time, quaternion)
+    latitude, longitude, sigma_position = _position(source, time, quaternion)
     velocity = np.array([initial.velocity_north or 0.0, initial.velocity_east or 0.0, initial.velocity_down or 0.0])
-    default = SIGMA_VELOCITY if initial.velocity_north is None else 0.1
     return Start(
         time,
         latitude,
         longitude,
         context.surface - depth,
         velocity,
-        attitude.quaternion_from_euler(roll, pitch, heading),
-        sigma_position,
-        sigma_depth,
-        initial.sigma_velocity if initial.sigma_velocity is not None else default,
-        initial.sigma_tilt if initial.sigma_tilt is not None else SIGMA_TILT,
-        sigma_heading,
+        quaternion,
+        _given(initial.sigma_position, sigma_position),
+        _given(initial.sigma_depth, sigma_depth),
+        _given(initial.sigma_velocity, SIGMA_VELOCITY if initial.velocity_north is None else 0.1),
+        _given(initial.sigma_tilt, sigma_tilt),
+        _given(initial.sigma_heading, sigma_heading),
     )
-
-
-def _first(tables: Mapping[str, Table], kind: type[Table], value: str, time: float) -> tuple[str, Any] | None:
-    """The first valid row with a value at or after the start, of the first table of a kind: name and a table of one row."""
-    for name, table in tables.items():
-        column = getattr(table, value, None)
-        if type(table) is not kind or column is None:
-            continue
-        index = np.flatnonzero(usable(table) & (table.time >= time) & np.isfinite(column))
-        if len(index):
-            return name, table.select(index[np.argmin(table.time[index])][None])
-    return None
-
-
-def _time(initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle) -> float:
-    if initial.time is not None:
-        return initial.time
-    imu = tables.get(vehicle.process.imu)
-    times = imu.time if imu is not None else np.concatenate([table.time for table in tables.values()])
-    return float(np.nanmin(times))
-
-
-def _position(
-    initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle, context: Context, where: str, time: float
-) -> tuple[float, float, float]:
-    given = initial.sigma_position
-    if initial.latitude is not None and initial.longitude is not None:
-        return initial.latitude, initial.longitude, given if given is not None else SIGMA_POSITION
-    if initial.north is not None and initial.east is not None:
-        latitude, longitude = context.geographic(np.array(initial.north), np.array(initial.east), where)
-        return float(latitude), float(longitude), given if given is not None else SIGMA_POSITION
-    for kind, value in ((Gnss, "latitude"), (PositionFix, "latitude"), (PositionFix, "north")):
-        if found := _first(tables, kind, value, time):
-            name, row = found
-            place = (row.latitude, row.longitude) if value == "latitude" else context.geographic(row.north, row.east, where)
-            moved = SIGMA_VELOCITY * float(row.time[0] - time)
-            return float(place[0][0]), float(place[1][0]), max(2.0 * vehicle[name].value("sigma"), 1.0) + moved
-    raise InputError(f"{where}: [initial]", "says no position, and there is no gnss or position_fix", "add latitude_deg and longitude_deg")
-
-
-def _attitude(
-    initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle, where: str, time: float
-) -> tuple[float, float, float, float]:
-    ahrs = _first(tables, Attitude, "heading", time)
-    roll, pitch = _tilt(initial, ahrs[1] if ahrs else None, tables, vehicle, time)
-    if initial.heading is not None:
-        return roll, pitch, initial.heading, initial.sigma_heading if initial.sigma_heading is not None else SIGMA_HEADING
-    if found := ahrs or _first(tables, Heading, "heading", time):
-        from leadline.models.sensors.heading import declination
-
-        name, row = found
-        heading = float(row.heading[0]) + declination(vehicle[name])
-        sigma = initial.sigma_heading if initial.sigma_heading is not None else 2.0 * vehicle[name].value("sigma")
-        return roll, pitch, heading, max(sigma, SIGMA_HEADING)
-    raise InputError(f"{where}: [initial]", "says no heading, and there is no heading or attitude sensor", "add heading_deg")
-
-
-def _tilt(initial: Initial, ahrs: Any, tables: Mapping[str, Table], vehicle: Vehicle, time: float) -> tuple[float, float]:
-    """Roll and pitch: as given, from an AHRS, else from the direction of the mean specific force over the first second."""
-    if initial.roll is not None and initial.pitch is not None:
-        return initial.roll, initial.pitch
-    if ahrs is not None and ahrs.roll is not None and ahrs.pitch is not None:
-        return float(ahrs.roll[0]), float(ahrs.pitch[0])
-    imu = tables.get(vehicle.process.imu)
-    if not isinstance(imu, Imu) or imu.accel is None:
-        return 0.0, 0.0
-    first = np.flatnonzero((imu.time >= time) & (imu.time <= time + 1.0))
-    first = first[np.argsort(imu.time[first], kind="stable")]
-    force = vehicle[vehicle.process.imu].rotation_bs @ np.nanmean(imu.accel[first], axis=0)
-    return float(np.arctan2(-force[1], -force[2])), float(np.arctan2(force[0], np.hypot(force[1], force[2])))
-
-
-def _depth(initial: Initial, tables: Mapping[str, Table], vehicle: Vehicle, time: float) -> tuple[float, float]:
-    if initial.depth is not None:
-        sigma = initial.sigma_depth if initial.sigma_depth is not None else initial.sigma_position
-        return initial.depth, sigma if sigma is not None else SIGMA_DEPTH
-    if found := _first(tables, Depth, "depth", time):
-        name, row = found
-        return float(row.depth[0]), max(2.0 * vehicle[name].value("sigma"), 0.1)
-    return 0.0, SIGMA_DEPTH
 
 
 def origin_of(log: Log, start: Start) -> Origin:
     """Return the log's origin, or the start where it has none."""
     return log.origin or Origin(start.latitude, start.longitude)
+
+
+def _given(stated: float | None, found: float) -> float:
+    return found if stated is None else stated
+
+
+def _imu(source: Source) -> Imu | None:
+    table = source.log.tables.get(source.vehicle.process.imu)
+    return table if isinstance(table, Imu) and len(table) else None
+
+
+def _time(source: Source) -> float:
+    if source.log.initial.time is not None:
+        return source.log.initial.time
+    imu = _imu(source)
+    if imu is None:
+        raise InputError(source.where, "says no time, and there is no inertial row to start from", "add time_s, or inertial data")
+    return float(np.nanmin(imu.time))
+
+
+def _tilt(source: Source, time: float) -> tuple[float, float, float]:
+    """Roll, pitch and their sigma: as given, from an AHRS, else from the direction of the mean specific force over the first second."""
+    initial = source.log.initial
+    if initial.roll is not None and initial.pitch is not None:
+        return initial.roll, initial.pitch, SIGMA_TILT
+    if found := source.first("attitude", "quaternion", time) or source.first("attitude", "roll", time):
+        roll, pitch, _ = attitude.euler_from_quaternion(measured_quaternion(*found)[0])
+        return float(roll), float(pitch), 2.0 * found[0].value("sigma_tilt")
+    imu = _imu(source)
+    if imu is None:
+        return 0.0, 0.0, SIGMA_UNKNOWN_TILT
+    forces = rates_of(imu)[1]
+    first = np.flatnonzero((imu.time >= time) & (imu.time <= time + 1.0) & np.isfinite(forces).all(axis=1))
+    if not len(first):
+        return 0.0, 0.0, SIGMA_UNKNOWN_TILT
+    ordered = forces[first[np.argsort(imu.time[first], kind="stable")]]  # the order of rows carries no meaning
+    force = source.vehicle[source.vehicle.process.imu].rotation_bs @ ordered.mean(axis=0)
+    return float(np.arctan2(-force[1], -force[2])), float(np.arctan2(force[0], np.hypot(force[1], force[2]))), SIGMA_LEVELLED
+
+
+def _heading(source: Source, time: float) -> tuple[float, float]:
+    if source.log.initial.heading is not None:
+        return source.log.initial.heading, SIGMA_HEADING
+    if found := source.first("attitude", "quaternion", time) or source.first("attitude", "heading", time):
+        return float(attitude.euler_from_quaternion(measured_quaternion(*found)[0])[2]), 2.0 * found[0].value("sigma")
+    if found := source.first("heading", "heading", time):
+        return float(true_heading(*found)[0]), 2.0 * found[0].value("sigma")
+    raise InputError(
+        source.where, "says no heading, and no heading or attitude sensor that the vehicle file names has one", "add heading_deg"
+    )
+
+
+def _depth(source: Source, time: float, quaternion: Array) -> tuple[float, float]:
+    initial = source.log.initial
+    if initial.depth is not None:
+        return initial.depth, _given(initial.sigma_position, SIGMA_DEPTH)
+    if found := source.first("depth", "depth", time):
+        config, row = found
+        lever = attitude.matrix_from_quaternion(quaternion) @ config.lever_arm_b
+        return float(row.depth[0] - lever[2]), max(2.0 * config.value("sigma"), 0.1)
+    return 0.0, SIGMA_DEPTH
+
+
+def _position(source: Source, time: float, quaternion: Array) -> tuple[float, float, float]:
+    initial, context = source.log.initial, source.context
+    if initial.latitude is not None and initial.longitude is not None:
+        return initial.latitude, initial.longitude, SIGMA_POSITION
+    if initial.north is not None and initial.east is not None:
+        latitude, longitude = context.geographic(np.array(initial.north), np.array(initial.east), source.where)
+        return float(latitude), float(longitude), SIGMA_POSITION
+    for kind, value in (("gnss", "latitude"), ("position_fix", "latitude"), ("position_fix", "north")):
+        if found := source.first(kind, value, time):
+            return _from_fix(source, found, value, time, quaternion)
+    right = "add latitude_deg and longitude_deg"
+    raise InputError(source.where, "says no position, and no gnss or position_fix that the vehicle file names has one", right)
+
+
+def _from_fix(source: Source, found: tuple[SensorConfig, Any], value: str, time: float, quaternion: Array) -> tuple[float, float, float]:
+    """The body origin by a fix; a fix that comes later is less certain by what the vehicle may have moved."""
+    config, row = found
+    place = (row.latitude, row.longitude) if value == "latitude" else source.context.geographic(row.north, row.east, source.where)
+    turn = geodesy.rotation_en(place[0][0], place[1][0]) @ attitude.matrix_from_quaternion(quaternion)
+    origin = geodesy.ecef_from_geodetic(place[0][0], place[1][0], source.context.surface) - turn @ config.lever_arm_b
+    latitude, longitude, _ = geodesy.geodetic_from_ecef(origin)
+    stated = [config.value("sigma"), *np.atleast_1d(np.nan_to_num(row.sigma if row.sigma is not None else 0.0)).tolist()]
+    axes = row.sigma_axes[0, :2].tolist() if row.sigma_axes is not None else []
+    sigma = max(1.0, 2.0 * max(np.nan_to_num([*stated, *axes])))
+    return float(latitude), float(longitude), float(sigma + SIGMA_VELOCITY * (row.time[0] - time))

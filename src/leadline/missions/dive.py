@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from leadline.assess.assessment import Assessment, assess
+from leadline.data.inspection import inspect
 from leadline.data.vehicle import read_vehicle
 from leadline.estimate.solve import DEFAULT_RATE, solve
 from leadline.formats.atomic import check_place, new_folder
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from leadline.data.log import Log
     from leadline.data.records import Truth
     from leadline.data.solution import Solution
 
@@ -32,10 +34,12 @@ def solve_dive(
     csv: bool = False,
     report: bool = True,
     progress: Callable[[float], None] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[Solution, Assessment]:
     """Solve the log in a folder with a vehicle file and write the solution folder `out`; returns the solution and its assessment.
 
     `only` and `without` name sensors of the vehicle to aid with, or to leave out; the one that drives the process model stays.
+    `tell` is called with each problem that an inspection of the log finds; they stand in the summary as well.
     Raises InputError before any work where input is wrong or `out` must not be written.
     """
     check_place(out)
@@ -44,16 +48,26 @@ def solve_dive(
         vehicle = vehicle.only(vehicle.process.imu, *only)
     if without:
         vehicle = vehicle.without(*without)
+    problems = problems_of(log)
+    for problem in problems:
+        tell(problem)
     solution = solve(log, vehicle, estimator=estimator, rate=rate, progress=progress)
     assessment = assess(solution, log.truth)
-    solution = replace(solution, summary={**solution.summary, "verdict": verdict_of(assessment)})
+    found = {"distance_m": assessment.distance, "problems": problems, "verdict": verdict_of(assessment)}
+    solution = replace(solution, summary={**solution.summary, **found})
     write_result(solution, assessment, out, truth=log.truth, csv=csv, report=report)
     return solution, assessment
 
 
 def verdict_of(assessment: Assessment) -> dict[str, Any]:
     """Return the verdict in words, as it stands in summary.json."""
-    return {"answer": assessment.verdict.answer.name.lower(), "sentence": assessment.verdict.sentence}
+    return {"answer": assessment.verdict.answer.value, "sentence": assessment.verdict.sentence}
+
+
+def problems_of(log: Log) -> list[str]:
+    """Return the problems that an inspection finds in a log, a line each; of empty tables the verdict tells."""
+    found = [f for f in inspect(log).findings if f.severity == "problem" and len(log.tables.get(f.table, ()))]
+    return [f"inspect: {problem.table}: {problem.sentence}" for problem in found]
 
 
 def write_result(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 INPUT_SIZE = 8  # rate 3, force 3, present, interval
 # What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity.
 TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, MEMORY = 0, 1, 2, 5, 8, 11, 14
-USED, INVALID = int(Outcome.USED), int(Outcome.INVALID)
+USED, INVALID, DUPLICATE = int(Outcome.USED), int(Outcome.INVALID), int(Outcome.DUPLICATE)
 NO_INTERVAL = np.zeros(0)
 
 
@@ -77,8 +77,9 @@ def condition(time, rates, forces, interval, instant, rotation_bs, gap, m, start
     for i in range(len(time)):
         rate, force = turned(rotation_bs, rates[i]), turned(rotation_bs, forces[i])
         total = rate[0] + rate[1] + rate[2] + force[0] + force[1] + force[2] + time[i]
-        if not (math.isfinite(total) and time[i] > m[TIME_M]):
-            outcome[i] = INVALID
+        if not (math.isfinite(total) and time[i] > m[TIME_M]) or (len(interval) and not interval[i] > 0.0):
+            same = time[i] == m[TIME_M] and rate == load3(m, RATE_M) and force == load3(m, FORCE_M)
+            outcome[i] = DUPLICATE if same else INVALID
             continue
         outcome[i] = USED
         first, elapsed = math.isinf(m[TIME_M]), time[i] - m[TIME_M]
@@ -122,6 +123,7 @@ class InputStream:
 
     rotation_bs: Array
     gap: float
+    name: str = "imu"  # of the sensor
     nominal: float = np.nan  # the usual interval (s); nan until it is known
     latency: float = 0.0
     memory: Array = field(default_factory=lambda: np.zeros(0))
@@ -135,7 +137,7 @@ class InputStream:
         """Return the stream of a configured IMU; without a stated rate a gap is a quarter of a second."""
         rate = config.values.get("rate")
         gap = config.values.get("gap") or (2.5 / rate if rate else 0.25)
-        return cls(np.ascontiguousarray(config.rotation_bs, float), gap, 1.0 / rate if rate else np.nan, config.latency)
+        return cls(np.ascontiguousarray(config.rotation_bs, float), gap, config.name, 1.0 / rate if rate else np.nan, config.latency)
 
     @property
     def covered(self) -> float:
@@ -145,9 +147,11 @@ class InputStream:
     def push(self, table: Imu) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         """Return start times (k,), inputs (k, INPUT_SIZE), and the outcome of each row (n,), for rows in order of time.
 
-        Rows that are not numbers, or do not come after the row before, give no input.
+        Rows that are not numbers, that the sensor itself calls invalid, or that do not come after the row before, give no input.
         """
         rates, forces, interval = rates_of(table)
+        if table.valid is not None:
+            rates = np.where((np.nan_to_num(table.valid) != 0)[:, None], rates, np.nan)
         count = len(table)
         start, data = np.empty(2 * count), np.empty((2 * count, INPUT_SIZE))
         outcome = np.empty(count, np.int64)

@@ -176,7 +176,10 @@ def noise(m, dt, params, P):
 
 @kernel(VIEW)
 def view(x, u, params, out):
-    """Place, velocity, attitude; rate = gyro - bias - R^T w_in, with the gyro's noise over the interval; force = accelerometer - bias."""
+    """Place, velocity, attitude; rate = gyro - bias - R^T w_in, force = accelerometer - bias.
+
+    The rate brings the gyro's noise over the interval along; in a gap, where it is taken as zero, that of the unknown motion.
+    """
     for i in range(12):
         out[i] = x[i]
     axis = third_row(x[P], x[P + 1], x[P + 2], x[P + 3])
@@ -187,7 +190,7 @@ def view(x, u, params, out):
         out[12 + i] = u[RATE_U + i] - x[BG + i] - w[i] if present else 0.0
         out[15 + i] = u[FORCE_U + i] - x[BA + i] if present else 0.0
         out[18 + i] = 0.0
-    out[RATE_VARIANCE_V] = params[GYRO_DENSITY] / u[INTERVAL_U] if present else 0.0
+    out[RATE_VARIANCE_V] = params[GYRO_DENSITY] / u[INTERVAL_U] if present else params[GAP_RATE]
 
 
 @kernel(PULL)

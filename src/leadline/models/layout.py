@@ -128,21 +128,15 @@ class Layout:
 
     def nominal_of(self, name: str) -> slice:
         """Where a part of the motion lies in x."""
-        at = 0
-        for part in self.motion:
-            if part.name == name:
-                return slice(at, at + part.nominal)
-            at += part.nominal
-        raise KeyError(name)
+        return self._span(name, [part.nominal for part in self.motion])
 
     def error_of(self, name: str) -> slice:
         """Where the errors of a part of the motion lie."""
-        at = 0
-        for part in self.motion:
-            if part.name == name:
-                return slice(at, at + part.size)
-            at += part.size
-        raise KeyError(name)
+        return self._span(name, [part.size for part in self.motion])
+
+    def _span(self, name: str, sizes: list[int]) -> slice:
+        i = [part.name for part in self.motion].index(name)
+        return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
 
     def nuisance_error(self, name: str) -> int:
         """Index of the error of a nuisance state; -1 if it is none."""

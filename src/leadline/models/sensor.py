@@ -139,14 +139,28 @@ def filled(column: Array | None, default: float, count: int) -> Array:
     return np.where(np.isfinite(column), column, default)
 
 
+def sigmas(column: Array | None, default: float, count: int) -> Array:
+    """Return a column of sigmas, with the default where it is absent; one that is not positive makes its row unusable (nan)."""
+    found = filled(column, default, count)
+    return np.where(found > 0.0, found, np.nan)
+
+
 def nuisances(config: SensorConfig, name: str, axes: int, unit: str, frame: str = "") -> tuple[Nuisance, ...]:
     """Return one nuisance of a sensor, per axis, keyed by instance; without a prior it is a constant zero."""
     prior = config.nuisance.get(name)
     if prior is None:
         return tuple(Nuisance(f"{config.name}.{name}{axis}", unit=unit, frame=frame) for axis in AXES[axes])
     sigma = np.broadcast_to(prior.sigma, axes)
-    steady = float(sigma.max()) if prior.steady is None else prior.steady
     return tuple(
-        Nuisance(f"{config.name}.{name}{axis}", float(value), float(s), prior.tau, steady, prior.walk, unit, frame)
+        Nuisance(
+            f"{config.name}.{name}{axis}",
+            float(value),
+            float(s),
+            prior.tau,
+            float(s) if prior.steady is None else prior.steady,
+            prior.walk,
+            unit,
+            frame,
+        )
         for axis, value, s in zip(AXES[axes], np.broadcast_to(prior.value, axes), sigma, strict=True)
     )

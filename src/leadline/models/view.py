@@ -140,7 +140,7 @@ class NavigationView:
 def view_of(
     latitude: float, longitude: float, height: float, quaternion_nb: Array, velocity_n: Array, rate_b: Array | None = None
 ) -> Array:
-    """Make the view (21,) of a pose in north-east-down; what is not given is zero."""
+    """Make the view (VIEW_SIZE,) of a pose in north-east-down; what is not given is zero."""
     view = np.zeros(VIEW_SIZE)
     view[PLACE_V:HEIGHT_V] = attitude.quaternion_from_matrix(geodesy.rotation_en(latitude, longitude))
     view[HEIGHT_V] = height

@@ -8,6 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from leadline.assess.consistency import Answer
+from leadline.assess.usage import finite
 from leadline.report import figures, judged, tables
 from leadline.report.drawing import clock_of, points_per_line
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from leadline.assess.assessment import Assessment
+    from leadline.assess.consistency import Verdict
     from leadline.data.records import Truth
     from leadline.data.solution import Solution
     from leadline.report.drawing import Clock, Figure
@@ -53,6 +55,7 @@ def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | No
     """Return the report as the text of an HTML page."""
     from leadline import __version__
 
+    solution = finite(solution)
     sections = list(_sections(solution, assessment, truth))
     return str(
         _template().render(
@@ -60,7 +63,7 @@ def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | No
             epoch=f"{solution.epoch:%Y-%m-%d %H:%M:%S} UTC",
             version=__version__,
             verdict=assessment.verdict,
-            words=_without_answer(assessment.verdict.sentence),
+            words=_without_answer(assessment.verdict),
             sign=SIGNS[assessment.verdict.answer],
             headlines=tables.headlines(assessment),
             sections=sections,
@@ -73,7 +76,7 @@ def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | No
 def _sections(solution: Solution, assessment: Assessment, truth: Truth | None) -> Iterator[Section]:
     clock = clock_of(solution.time, solution.epoch)
     most = points_per_line(_line_count(solution, assessment))
-    yield _run_section(solution)
+    yield _run_section(solution, assessment.distance)
     if len(solution):
         yield from _state_sections(solution, truth, clock, most)
     yield from _error_sections(assessment, clock, most)
@@ -86,10 +89,10 @@ def _line_count(solution: Solution, assessment: Assessment) -> int:
     return 13 + min(len(solution.nuisances), figures.MOST_STATES) + (9 if assessment.errors is not None else 0)
 
 
-def _run_section(solution: Solution) -> Section:
+def _run_section(solution: Solution, distance: float) -> Section:
     if not solution.summary:
         return Section("run", "What was run", "The solution does not say what was run.")
-    return Section("run", "What was run", grids=[tables.run_grid(solution.summary)])
+    return Section("run", "What was run", grids=[tables.run_grid(solution.summary, distance)])
 
 
 def _state_sections(solution: Solution, truth: Truth | None, clock: Clock, most: int) -> Iterator[Section]:
@@ -141,11 +144,12 @@ def _innovation_sections(solution: Solution, clock: Clock) -> Iterator[Section]:
         yield Section("nis", "Normalised innovations squared", text, [("", nis)])
 
 
-def _without_answer(sentence: str) -> str:
-    """Return a verdict's sentence without the answer that it opens with, which stands above it."""
-    answer, colon, rest = sentence.partition(": ")
-    opens = colon and answer.lower() in {a.value for a in Answer}
-    return rest[:1].upper() + rest[1:] if opens else sentence
+def _without_answer(verdict: Verdict) -> list[str]:
+    """Return the lines of a verdict without the answer that they open with, which stands above them."""
+    first, body = verdict.first, tables.verdict_lines(verdict)[len(verdict.first) :]
+    answer, colon, rest = body[0].partition(":")
+    rest = rest.strip() if colon and answer.lower() in {a.value for a in Answer} else body[0]
+    return [*first, *(line[:1].upper() + line[1:] if k == 0 else line for k, line in enumerate([rest, *body[1:]]) if line)]
 
 
 def _figure_json(figure: Figure) -> str:

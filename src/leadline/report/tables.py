@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from leadline.assess.errors import spread
+from leadline.assess.intervals import factor_text
 from leadline.data.solution import Status
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from leadline.assess.assessment import Assessment
+    from leadline.assess.consistency import Verdict
     from leadline.assess.errors import Errors, Spread
     from leadline.data.outcome import Outcome
     from leadline.data.solution import Solution
 
 MOST_ROWS = 40
-TESTS = {"nis": "size of innovations (NIS)", "gate": "gate", "whiteness": "whiteness", "nees": "errors against truth (NEES)"}
+TESTS = {"nis": "size (NIS)", "gate": "gate", "whiteness": "whiteness", "nees": "errors (NEES)"}
 DEGREE = 180.0 / np.pi
 
 
@@ -34,6 +36,7 @@ class Grid:
     title: str = ""
     marks: Sequence[str] = ()
     note: str = ""
+    least: tuple[str, ...] = ()  # columns that a narrow terminal may drop, the least important first
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -58,36 +61,46 @@ def duration(seconds: float) -> str:
 
 
 def headlines(assessment: Assessment) -> list[tuple[str, str]]:
-    """Return the few numbers that stand at the top, as label and value."""
+    """Return the few numbers that stand at the top, as label and value; what has no value is left out."""
     lines = [("duration", duration(assessment.duration)), ("distance travelled", length(assessment.distance))]
     if assessment.errors is not None and len(assessment.errors):
         horizontal = assessment.errors.statistics()["horizontal"]
-        lines += [
-            ("horizontal error, median (CEP50)", f"{number(horizontal.median)} m"),
-            ("95 % (R95)", f"{number(horizontal.p95)} m"),
-            ("at the end", f"{number(horizontal.end)} m ({number(assessment.errors.percent_of_distance)} % of distance)"),
-        ]
+        lines += _metres("horizontal error, median (CEP50)", horizontal.median)
+        lines += _metres("95 % (R95)", horizontal.p95)
+        lines += _metres("at the end", horizontal.end, assessment.errors.percent_of_distance)
     elif assessment.misclosures:
         worst = max(assessment.misclosures, key=lambda m: m.horizontal)
-        lines.append(("largest misclosure", f"{number(worst.horizontal)} m ({number(worst.percent_of_distance)} % of distance)"))
+        lines += _metres("largest misclosure", worst.horizontal, worst.percent_of_distance)
     return lines
+
+
+def _metres(label: str, value: float, percent: float = nan) -> list[tuple[str, str]]:
+    share = f" ({number(percent)} % of distance)" if isfinite(percent) else ""
+    return [(label, f"{number(value)} m{share}")] if isfinite(value) else []
+
+
+def verdict_lines(verdict: Verdict) -> list[str]:
+    """Return what a verdict says, line by line: what comes before the answer, the answer, and what it rests on."""
+    body = verdict.sentence[len(". ".join((*verdict.first, ""))) :]
+    answer = [f"{verdict.answer.value.capitalize()}:", *verdict.findings] if len(verdict.findings) > 1 else [body]
+    return [*verdict.first, *answer]
 
 
 def verdict_grid(assessment: Assessment) -> Grid:
     """Return one row for each test of the family."""
     rows, marks = [], []
     for v in assessment.consistency.verdicts:
-        name = f"{v.subject} {v.component}".strip()
-        factor = f"{number(v.factor.estimate)} ({v.factor})" if isfinite(v.factor.low) else "–"
-        rows.append((name, TESTS.get(v.test, v.test), v.answer.value, f"{v.count:,}", number(v.value), factor, number(v.p, 2)))
+        factor = f"{factor_text(v.factor.estimate)} ({v.factor.as_factor})" if isfinite(v.factor.estimate) else "–"
+        rows.append((v.name, TESTS.get(v.test, v.test), v.answer.value, f"{v.count:,}", number(v.value), factor, number(v.p, 2)))
         marks.append(v.answer.name.lower())
-    columns = ("of", "test", "answer", "values>", "statistic>", "errors are larger than predicted by>", "p>")
+    columns = ("of", "test", "answer", "values>", "statistic>", "errors larger by ×>", "p>")
     note = (
         "Statistic: mean NIS or NEES per degree of freedom (1 is to be expected), the fraction that the gate turned away, or the largest "
-        "autocorrelation. Judged together by Holm at 1 %; intervals are simultaneous. Factors within 10 % and autocorrelations up to 0.1 "
+        "autocorrelation. Factor ×: how many times as large as predicted. "
+        "Judged together by Holm at 1 %; intervals are simultaneous. Factors within 10 % and autocorrelations up to 0.1 "
         "count as consistent."
     )
-    return Grid(columns, rows, "Tests", marks, note)
+    return Grid(columns, rows, "Tests", marks, note, least=("p>", "statistic>", "values>"))
 
 
 def outcome_grid(assessment: Assessment) -> Grid:
@@ -103,7 +116,7 @@ def outcomes_of(counts: Mapping[str, Mapping[Outcome, int]]) -> Grid:
         for k, (outcome, count) in enumerate(sorted(by.items())):
             rows.append((sensor if k == 0 else "", f"{count:,}", f"{100 * count / total:.1f} %", outcome.sentence))
             marks.append("first" if k == 0 else "")
-    return Grid(("sensor", "rows>", "share>", "a row …"), rows, "Outcomes", marks)
+    return Grid(("sensor", "rows>", "share>", "a row …"), rows, "Outcomes", marks, least=("share>",))
 
 
 def status_shares(solution: Solution) -> list[tuple[str, float]]:
@@ -126,7 +139,14 @@ def error_grid(errors: Errors) -> Grid:
         rows.append(_spread_row("drift over legs of 1 km (m/km)", drift, 1.0))
     left_out = ", ".join(f"{count:,} {reason}" for reason, count in errors.left_out.items() if count)
     note = f"Compared at {len(errors):,} moments of truth over {length(errors.distance)}." + (f" Left out: {left_out}." if left_out else "")
-    return Grid(("error", "RMS>", "median>", "95 %>", "largest>", "at the end>", "moments>"), rows, "Errors against truth", (), note)
+    return Grid(
+        ("error", "RMS>", "median>", "95 %>", "largest>", "at the end>", "moments>"),
+        rows,
+        "Errors against truth",
+        (),
+        note,
+        ("moments>", "largest>", "median>"),
+    )
 
 
 def _spread_row(name: str, s: Spread, factor: float) -> tuple[str, ...]:
@@ -151,12 +171,17 @@ def misclosure_grid(assessment: Assessment) -> Grid:
     more = len(assessment.misclosures) - len(rows)
     note = "Residual of a fix that is the first after more than a minute: what dead reckoning had gathered by then."
     columns = ("fix", "time (s)>", "after (s)>", "travelled>", "misclosure (m)>", "predicted 1σ (m)>", "% of distance>")
-    return Grid(columns, rows, "Misclosure at fixes", (), note + (f" {more} smaller ones are not shown." if more else ""))
+    note += f" {more} smaller ones are not shown." if more else ""
+    return Grid(columns, rows, "Misclosure at fixes", (), note, ("travelled>", "after (s)>", "% of distance>", "predicted 1σ (m)>"))
 
 
-def run_grid(summary: Mapping[str, Any]) -> Grid:
-    """Return what was run, as the solution's summary tells it; counts stand in a table of their own."""
-    rows = [row for key, value in summary.items() if key != "counts" for row in _told(str(key), value)]
+APART = ("counts", "verdict")  # of a summary: these have a place of their own
+
+
+def run_grid(summary: Mapping[str, Any], distance: float) -> Grid:
+    """Return what was run, as the solution's summary tells it, with the distance (m) as the assessment measures it."""
+    told = {key: distance if key == "distance_m" else value for key, value in summary.items() if key not in APART}
+    rows = [row for key, value in told.items() for row in _told(str(key), value)]
     return Grid(("what", "value"), rows, "What was run")
 
 
@@ -165,6 +190,22 @@ def _told(key: str, value: Any) -> Iterator[tuple[str, str]]:
         for part, inner in value.items():
             yield from _told(f"{key}: {part}", inner)
     elif isinstance(value, Sequence) and not isinstance(value, str):
-        yield key.replace("_", " "), ", ".join(map(str, value))
+        yield _label(key), "; ".join(map(_value, value)) or "–"
     else:
-        yield key.replace("_", " "), "–" if value is None else str(value)
+        yield _label(key), _value(value)
+
+
+def _label(key: str) -> str:
+    """Return a key as words, with its unit in brackets."""
+    name, _, unit = key.rpartition("_")
+    return f"{name.replace('_', ' ')} ({unit})" if name and unit in ("s", "m") and ":" not in key else key.replace("_", " ")
+
+
+def _value(value: Any) -> str:
+    if value is None or (isinstance(value, float) and not isfinite(value)):
+        return "–"
+    return f"{value:.1f}".removesuffix(".0") if isinstance(value, float) and abs(value) >= 100 else _short(value)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

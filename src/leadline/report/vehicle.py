@@ -5,14 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from leadline.data.vehicle_template import describe, notes
+from leadline.report.sheet import Sheet
+from leadline.report.tables import Grid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
     from leadline.data.log import Log
     from leadline.data.vehicle import Vehicle
+    from leadline.data.vehicle_template import Description
+
+COLUMNS = ("sensor", "kind", "where and how mounted", "figures", "nuisances with a prior")
 
 
 def text(vehicle: Vehicle, log: Log | None = None) -> Group:
@@ -22,21 +28,34 @@ def text(vehicle: Vehicle, log: Log | None = None) -> Group:
     return Group(_sensors(vehicle), _notes(notes(vehicle, log), log))
 
 
-def _sensors(vehicle: Vehicle) -> Table:
-    from rich import box
-    from rich.table import Table
+def _sensors(vehicle: Vehicle) -> Sheet:
+    """Return a table of the sensors or, where that is too wide, a block of lines for each."""
+    found = [describe(sensor) for sensor in vehicle.sensors.values()]
+    title = f"Vehicle {vehicle.name}: process model {vehicle.process.model}, driven by {vehicle.process.imu}"
+    rows = [cells for sensor in found for cells in _rows(sensor)]
+    marks = ["unused" if sensor.used else "" for sensor in found for _ in _rows(sensor)]
+    return Sheet(Grid(COLUMNS, rows, title, marks), lambda _: "dim", _blocks(found))
+
+
+def _rows(sensor: Description) -> list[tuple[str, ...]]:
+    """Return the rows of one sensor: a line for each of its figures, as no cell may be broken."""
+    columns = (
+        (sensor.name,), (sensor.kind, sensor.preset), (sensor.lever_arm, sensor.mounting), sensor.figures, sensor.nuisances,
+    )  # fmt: skip
+    height = max(map(len, columns))
+    lines = [tuple(column[k] if k < len(column) else "" for column in columns) for k in range(height)]
+    return [line for line in lines if any(line)]
+
+
+def _blocks(found: Sequence[Description]) -> Text:
     from rich.text import Text
 
-    title = f"Vehicle {vehicle.name}: process model {vehicle.process.model}, driven by {vehicle.process.imu}"
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("sensor", "kind", "where and how mounted", "figures", "nuisances with a prior"):
-        table.add_column(column, overflow="fold")
-    for sensor in map(describe, vehicle.sensors.values()):
-        kind = sensor.kind + (f"\n{sensor.preset}" if sensor.preset else "")
-        where = f"{sensor.lever_arm}\n{sensor.mounting}"
-        cells = (sensor.name, kind, where, "\n".join(sensor.figures), "\n".join(sensor.nuisances))
-        table.add_row(*map(Text, cells), style="dim" if sensor.used else "", end_section=True)
-    return table
+    lines = []
+    for sensor in found:
+        lines.append(f"{sensor.name}: {sensor.kind}" + (f", preset {sensor.preset}" if sensor.preset else ""))
+        parts = (sensor.lever_arm, sensor.mounting, *sensor.figures, *(f"nuisance {nuisance}" for nuisance in sensor.nuisances))
+        lines += [f"    {part}" for part in parts]
+    return Text("\n".join(lines))
 
 
 def _notes(found: list[str], log: Log | None) -> Text:

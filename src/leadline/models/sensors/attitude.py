@@ -13,7 +13,7 @@ import numpy as np
 from leadline.core import attitude
 from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load4, logarithm, product
-from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, usable
+from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, sigmas, usable
 from leadline.models.sensors.heading import declination
 from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, north_slope, wander
 
@@ -76,7 +76,7 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
     def read(table: Attitude) -> Reading:
         q = measured_quaternion(config, table)
         given = table.sigma
-        sigma = np.broadcast_to(default, (len(table), 3)) if given is None else np.where(np.isfinite(given), given, default)
+        sigma = np.stack([sigmas(None if given is None else given[:, i], d, len(table)) for i, d in enumerate(default)], axis=1)
         heading = attitude.euler_from_quaternion(q)[2]
         data = np.column_stack([np.zeros((len(table), 3)), q, np.cos(heading), np.sin(heading), sigma**2])
         return reading(table, finite_rows(0, data, usable(table)))

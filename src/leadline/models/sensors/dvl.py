@@ -22,7 +22,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import cross, load3, load_matrix, turn, turn_back
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, usable
+from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, sigmas, usable
 from leadline.models.view import (
     ATTITUDE_T,
     POSITION_T,
@@ -170,8 +170,8 @@ def beam_directions(config: SensorConfig, count: int) -> Array:
 
 def _covariance(config: SensorConfig, table: Dvl) -> Array:
     """Covariance (n, 6) as xx yy zz xy xz yz: from the row where given, else the configured sigma."""
-    given = np.full((len(table), 3), np.nan) if table.sigma is None else table.sigma
-    sigma = np.where(np.isfinite(given), given, config.value("sigma"))
+    given = table.sigma
+    sigma = np.stack([sigmas(None if given is None else given[:, i], config.value("sigma"), len(table)) for i in range(3)], axis=1)
     mixed = np.zeros((len(table), 3)) if table.covariance is None else np.nan_to_num(table.covariance)
     return np.column_stack([sigma**2, mixed])
 

@@ -13,11 +13,11 @@ from leadline.core.attitude import euler_from_quaternion, quaternion_from_matrix
 from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load_matrix
 from leadline.data.errors import InputError
-from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, nuisances, reading, usable
+from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, sigmas, usable
 from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, heading_of, north_slope
 
 if TYPE_CHECKING:
-    from leadline.data.records import Heading
+    from leadline.data.records import Array, Heading
     from leadline.data.vehicle import SensorConfig
 
 
@@ -47,15 +47,20 @@ def declination(config: SensorConfig) -> float:
     return float(config.value("declination"))
 
 
-def compose(config: SensorConfig, context: Context) -> Sensor:
-    """Compose a compass or gyrocompass; its mounting turns about the vertical only."""
-    default, north = config.value("sigma"), declination(config)
+def true_heading(config: SensorConfig, table: Heading) -> Array:
+    """Return the headings (n,) of the body from true north; the mounting turns about the vertical only."""
     mounting = float(euler_from_quaternion(quaternion_from_matrix(config.rotation_bs))[2])
+    return np.asarray(table.heading + declination(config) - mounting)
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor:
+    """Compose a compass or gyrocompass."""
+    default = config.value("sigma")
+    declination(config)  # refused now rather than at the first row
 
     def read(table: Heading) -> Reading:
-        sigma = filled(table.sigma, default, len(table))
-        heading = table.heading + north - mounting
-        return reading(table, finite_rows(0, np.stack([heading, sigma**2], axis=1), usable(table)))
+        sigma = sigmas(table.sigma, default, len(table))
+        return reading(table, finite_rows(0, np.stack([true_heading(config, table), sigma**2], axis=1), usable(table)))
 
     bias = nuisances(config, "bias", 1, "rad")
     return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 2, bias, angles=(True,)),), read)

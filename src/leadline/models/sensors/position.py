@@ -14,7 +14,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.earth import earth_fixed
 from leadline.core.rotation import load3, load_matrix, turn, turn_back
 from leadline.models.nuisance import Nuisance
-from leadline.models.sensor import Channel, Context, filled
+from leadline.models.sensor import Channel, Context, sigmas
 from leadline.models.sensors import depth
 from leadline.models.view import ATTITUDE_T, PLACE_V, POSITION_T, QUATERNION_V, wander
 
@@ -53,8 +53,8 @@ def rows_of(point_e: Array, sigma: Array, covariance: Array) -> Array:
 def sigma_of(axes: Array | None, single: Array | None, default: tuple[float, float], count: int) -> Array:
     """Return sigma north, east and down (n, 3): by axis where given, else the single one, else the default."""
     if axes is not None:
-        return np.where(np.isfinite(axes), axes, np.array([default[0], default[0], default[1]]))
-    return np.stack([filled(single, d, count) for d in (default[0], *default)], axis=1)
+        return np.stack([sigmas(axes[:, i], d, count) for i, d in enumerate((default[0], *default))], axis=1)
+    return np.stack([sigmas(single, d, count) for d in (default[0], *default)], axis=1)
 
 
 def channels(config: SensorConfig, context: Context) -> tuple[Channel, Channel]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from leadline.core.compiled import SENSOR, kernel
-from leadline.models.sensor import Channel, Context, Reading, Sensor, filled, finite_rows, reading, usable
+from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, reading, sigmas, usable
 from leadline.models.view import VELOCITY, VELOCITY_T, VELOCITY_V
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
     default = config.value("sigma")
 
     def read(table: ZeroVelocity) -> Reading:
-        sigma = filled(table.sigma, default, len(table))
+        sigma = sigmas(table.sigma, default, len(table))
         return reading(table, finite_rows(0, np.column_stack([np.zeros((len(table), 3)), sigma**2]), usable(table)))
 
     names = ("velocity_x", "velocity_y", "velocity_z")
