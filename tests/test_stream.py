@@ -494,7 +494,8 @@ def python_wide(config: SensorConfig, context: Context) -> Sensor:
 def test_what_does_not_fit_is_refused(log: Log, case: str) -> None:
     """Too many states or components, and two-way ranges without room for a clone, are refused in one line."""
     if case == "states":
-        more = "[sensors.attitude.nuisance]\nbias = { sigma_deg = 1.0 }"
+        more = "[sensors.attitude.nuisance]\nbias = { sigma_deg = 1.0 }\n[sensors.imu.nuisance]\n"
+        more += "\n".join(f"{unit}_misalignment = {{ sigma_deg = 0.1 }}" for unit in ("gyro", "accel"))
         aboard = vehicle(*SENSORS[:3], *SENSORS[4:], "attitude", nuisances=("dvl", "depth", "heading", "ranges"), more=more)
         aboard = replace(aboard, process=replace(aboard.process, clones=3))
     elif case == "components":

@@ -13,6 +13,7 @@ from twin import Twin, covariance, dive, nominal, prepared, vehicle
 from leadline.estimate import plan as at
 from leadline.estimate.navigator import Navigator, Results
 from leadline.models.inertial import inertial
+from leadline.models.layout import CLONE_TIME
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import Imu
 from leadline.simulate.trajectory import GENTLE, Place, circle
@@ -86,7 +87,7 @@ def test_covariances_agree(pair: Pair) -> None:
 def in_use(pair: Pair) -> np.ndarray:
     """Error indices of motion, nuisances and living clones, in the order in which the twin holds its clones."""
     layout, state = pair.navigator.composition.layout, pair.navigator.state
-    slots = {float(epoch): k for k, epoch in enumerate(state[10 : 10 + layout.clones]) if np.isfinite(epoch)}
+    slots = {float(epoch): k for k, epoch in enumerate(state[CLONE_TIME : CLONE_TIME + layout.clones]) if np.isfinite(epoch)}
     clones = [pair.fixed + 6 * slots[epoch] + np.arange(6) for epoch, _ in pair.twin.clones]
     assert len(clones) == len(slots)
     return np.concatenate([np.arange(pair.fixed), *clones])

@@ -272,9 +272,9 @@ class Twin:
         transition[range(15, 15 + k), range(15, 15 + k)] = decay
         self.nuisances *= decay
         self.P = transition @ self.P @ transition.T
-        drive = [c.walk**2 if isinf(c.tau) else 2.0 * c.steady**2 / c.tau for c in self.constants]
-        q = np.concatenate([self.noise[int(self.input[6])], drive])
-        self.P[range(15 + k), range(15 + k)] += q * dt
+        drive = [c.walk**2 * dt if isinf(c.tau) else c.steady**2 * (1.0 - exp(-2.0 * dt / c.tau)) for c in self.constants]
+        q = np.concatenate([self.noise[int(self.input[6])] * dt, drive])
+        self.P[range(15 + k), range(15 + k)] += q
 
     def mechanise(self, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
         """Strapdown over dt; returns mean force, frame rates, W and gravity for the transition."""

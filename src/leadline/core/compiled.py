@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 f8, i8 = types.float64, types.int64
 F, F2, I = f8[::1], f8[:, ::1], i8[::1]
 
-WIDE = 32  # row length of every covariance-sized matrix: a constant, or the loops do not vectorise
+WIDE = 48  # row length of every covariance-sized matrix: a constant, or the loops do not vectorise
 COMPONENTS = 8  # most components that one measurement can have
 NUISANCES = 12  # most nuisance values that one sensor can have
-SLOT_NUISANCE = 16  # place of the first nuisance index in a channel's row of the plan
+SLOT_NUISANCE = 24  # place of the first nuisance index in a channel's row of the plan
 
 # Contract of a process model.            arguments
 STEP = types.void(F, F, f8, F, F)  #      x, u, dt, params, memory            x forward in place; memory: what the transition needs
@@ -47,9 +47,9 @@ PULL = types.void(F, F, F, F, F2, F2, i8)  # x, u, params, view, Hv, H, rows  H 
 # Contract of a sensor model.             views, nuisance, row, params, z, R, Hv, Hn -> outcome
 SENSOR = i8(F, F, F, F, F, F2, F2, F2)
 # Contract of an estimator.
-PROPAGATE = types.void(I, F, F, f8, F, F2)  #      plan, params, state, dt, work, points
+PROPAGATE = types.void(I, F, F, f8, F, F2, F)  #   plan, params, state, dt, work, points, tape
 POINTS = i8(I, F, F, i8, F, F, F2, F2, F2)  #      plan, params, state, channel, row, work, points, V, N -> how many points; 0: none
-UPDATE = i8(I, F, F, i8, F, F2, F2, F2, F2, F, F2, F)  # plan, params, state, channel, row, Z, R, Hv, Hn, work, points, result -> outcome
+UPDATE = i8(I, F, F, i8, F, F2, F2, F2, F2, F, F2, F, F)  # plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result -> outcome
 
 
 def cache_root() -> Path:

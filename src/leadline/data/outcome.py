@@ -24,6 +24,10 @@ class Outcome(IntEnum):
     NO_CLONE = 10, "the pose at its earlier epoch is not available"
     NO_MODEL = 11, "no model uses this kind of sensor yet"
     EXCLUDED = 12, "was left out on request"
+    REANCHORED = 13, "was used after a run of rejections: the estimate was opened up along its residual"
+    STANDBY = 14, "stands by: the instrument that it stands in for is at work"
+    DECIMATED = 15, "follows the last one sooner than the vehicle file asks for"
+    OVERRULED = 16, "was turned away by the smoother: the data before and after it speak against it"
 
     sentence: str
 

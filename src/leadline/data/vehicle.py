@@ -31,7 +31,7 @@ HUMAN_UNITS: Mapping[str, float] = {
     **UNITS,
     "degps": DEGREE, "deg_per_h": DEGREE / 3600, "deg_per_rth": DEGREE / 60, "deg_per_rts": DEGREE, "degps_per_rthz": DEGREE,
     "ug": MICRO_G, "ug_per_rthz": MICRO_G, "mps2_per_rthz": 1.0, "mps_per_rth": 1 / 60, "mps_per_rts": 1.0, "m_per_rts": 1.0,
-    "percent": 0.01, "percent_per_rts": 0.01, "hz": 1.0, "h": 3600.0,
+    "percent": 0.01, "percent_per_rts": 0.01, "ppm": 1e-6, "ppm_per_rts": 1e-6, "hz": 1.0, "h": 3600.0,
 }  # fmt: skip
 
 
@@ -42,8 +42,25 @@ class Prior:
     value: Array
     sigma: Array
     tau: float = np.inf
+    length: float = np.inf  # distance travelled over which it changes (m)
+    estimate: bool = True  # False: a constant for the filter, and a source of the error budget
     steady: float | None = None  # sigma that a Gauss-Markov process settles at; None: the largest prior sigma
     walk: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gate:
+    """How a sensor's measurements are judged.
+
+    probability: of a good measurement to pass.  student_dof: with it the noise is Student's t, and outliers count less instead of
+    being turned away.  widening: the gate doubles in sigma for each such time (s) without an acceptance.  reanchor_after: so many
+    rejections in a row say that the estimate is wrong and not the sensor.
+    """
+
+    probability: float = 0.999
+    student_dof: float | None = None
+    widening: float | None = None
+    reanchor_after: int | None = None
 
 
 @dataclass(frozen=True)
@@ -58,8 +75,11 @@ class SensorConfig:
     kind: str
     lever_arm_b: Array = field(default_factory=lambda: np.zeros(3))
     rotation_bs: Array = field(default_factory=lambda: np.eye(3))
-    gate_probability: float = 0.999
+    gate: Gate = Gate()
     latency: float = 0.0
+    every: float = 0.0  # s between rows that are used: what comes sooner is decimated
+    standby_for: str | None = None  # used only while that sensor has been silent for `standby_after` (s)
+    standby_after: float = 2.0
     clock: str | None = None
     repeats: str = "new"
     model: str | None = None
@@ -82,7 +102,10 @@ class ProcessConfig:
 
     model: str = "inertial"
     imu: str = "imu"
+    standby: str | None = None
     clones: int | None = None
+    align: float = 300.0  # s that may be spent on finding an unknown heading
+    aligned_sigma_heading: float = 0.0873  # rad: above it a run that began without a heading is still aligning
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -95,6 +118,8 @@ class Vehicle:
     process: ProcessConfig = ProcessConfig()
     path: Path | None = None
     excluded: frozenset[str] = frozenset()  # instruments that were left out on request
+    shared: Mapping[str, Prior] = field(default_factory=dict)  # of no one instrument: water.current, seabed.depth, clocks.NAME.offset
+    points: Mapping[str, Array] = field(default_factory=dict)  # named points (3,) from the body origin (m)
 
     def __getitem__(self, name: str) -> SensorConfig:
         """Return an instrument; raises InputError when the vehicle lacks it."""
@@ -147,8 +172,46 @@ def vehicle_from_toml(text: str, path: Path | None = None) -> Vehicle:
     if top.process.model == "inertial" and top.process.imu not in imus:
         right = suggestion(top.process.imu, imus) or "add one: the process model 'inertial' is driven by it"
         raise InputError(f"{where}: process.imu", f"'{top.process.imu}' is no sensor of kind imu", right)
-    process = ProcessConfig(top.process.model, top.process.imu, top.process.clones)
-    return Vehicle(top.name, sensors, process, path)
+    if top.process.standby is not None and (top.process.standby not in imus or top.process.standby == top.process.imu):
+        others = [name for name in imus if name != top.process.imu]
+        raise InputError(f"{where}: process.standby", f"'{top.process.standby}' is no other sensor of kind imu", suggestion("", others))
+    _check_references(sensors, top.clocks, where)
+    process = ProcessConfig(
+        top.process.model,
+        top.process.imu,
+        top.process.standby,
+        top.process.clones,
+        top.process.align_s,
+        top.process.aligned_sigma_heading_deg * DEGREE,
+    )
+    points = {name: np.array(point.lever_arm_m, float) for name, point in top.points.items()}
+    return Vehicle(top.name, sensors, process, path, shared=_shared(top, where), points=points)
+
+
+def _check_references(sensors: Mapping[str, SensorConfig], clocks: Mapping[str, Any], where: str) -> None:
+    """Refuse a sensor that stands in for one that is not there."""
+    for name, config in sensors.items():
+        if config.standby_for is not None and (config.standby_for not in sensors or config.standby_for == name):
+            others = [other for other in sensors if other != name]
+            where_key = f"{where}: sensors.{name}.standby_for"
+            raise InputError(where_key, f"'{config.standby_for}' is no other sensor", suggestion(config.standby_for, others))
+    used = {config.clock for config in sensors.values() if config.clock is not None}
+    for clock in clocks:
+        if clock not in used:
+            raise InputError(f"{where}: clocks.{clock}", "is the clock of no sensor", f'give a sensor clock = "{clock}"')
+
+
+def _shared(top: Any, where: str) -> dict[str, Prior]:
+    """Return the priors of what is no instrument's own, by table and name."""
+    from leadline.data import vehicle_keys
+
+    tables = {"water": top.water, "seabed": top.seabed, **{f"clocks.{name}": keys for name, keys in top.clocks.items()}}
+    found = {}
+    for table, keys in tables.items():
+        for name, value in keys.items():
+            spec = vehicle_keys.shared_of(table.partition(".")[0], name, f"{where}: {table}")
+            found[f"{table}.{name}"] = _prior_of(spec, value, f"{where}: {table}.{name}")
+    return found
 
 
 def _syntax(text: str, where: str, message: str) -> InputError:
@@ -170,13 +233,17 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
     vehicle_keys.check_kind(kind, keys.get("model"), where)
     filled = _merged(_preset(keys.get("preset"), kind, where), keys)
     checked = vehicle_keys.check_sensor(filled, kind, where)
-    common = {k: checked[k] for k in ("gate_probability", "clock", "repeats", "model", "preset") if checked.get(k) is not None}
+    common = {k: checked[k] for k in ("clock", "repeats", "model", "preset", "standby_for") if checked.get(k) is not None}
+    names = ("gate_probability", "student_dof", "gate_widening_s", "reanchor_after")
     return SensorConfig(
         name=name,
         kind=kind,
         lever_arm_b=np.array(checked["lever_arm_m"], float),
         rotation_bs=_rotation(checked, where),
+        gate=Gate(*(checked[name] for name in names)),
         latency=checked["latency_s"],
+        every=checked["every_s"] or 0.0,
+        standby_after=checked["standby_after_s"],
         values=dict(si(key, value) for key, value in checked.items() if key not in vehicle_keys.COMMON and value is not None),
         nuisance={key: _prior(kind, key, value, where) for key, value in checked["nuisance"].items()},
         written=filled,
@@ -240,14 +307,21 @@ def _rotation(keys: Mapping[str, Any], where: str) -> Array:
 def _prior(kind: str, name: str, keys: Mapping[str, Any], where: str) -> Prior:
     from leadline.data import vehicle_keys
 
-    spec = vehicle_keys.nuisance_of(kind, name, where)
-    checked = vehicle_keys.check_prior(keys, spec, f"{where}.nuisance.{name}")
+    return _prior_of(vehicle_keys.nuisance_of(kind, name, where), keys, f"{where}.nuisance.{name}")
+
+
+def _prior_of(spec: Any, keys: Mapping[str, Any], where: str) -> Prior:
+    from leadline.data import vehicle_keys
+
+    checked = vehicle_keys.check_prior(keys, spec, where)
     found = dict(si(key, value) for key, value in checked.items())
     shape = np.ones(spec.axes)
     return Prior(
         value=shape * found.get("value", 0.0),
         sigma=shape * found.get("sigma", 0.0),
         tau=found.get("tau", np.inf),
+        length=found.get("length", np.inf),
+        estimate=checked.get("estimate", True),
         steady=found.get("steady"),
         walk=found.get("walk", 0.0),
     )

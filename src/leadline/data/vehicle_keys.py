@@ -21,7 +21,6 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-NotNegativeVector = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
 
 
 class Keys(BaseModel):
@@ -31,19 +30,32 @@ class Keys(BaseModel):
 
 
 class Process(Keys):
-    """The table [process]."""
+    """The table [process]: the inertial unit that drives the model, and the one that stands in while it is silent."""
 
     model: str = "inertial"
     imu: str = "imu"
+    standby: str | None = None
     clones: Annotated[int, Field(ge=0, le=4)] | None = None
+    align_s: Positive = 300.0
+    aligned_sigma_heading_deg: Positive = 5.0
+
+
+class Point(Keys):
+    """A named point of the vehicle, at which states can be asked for."""
+
+    lever_arm_m: Vector
 
 
 class Top(Keys):
-    """A whole vehicle file."""
+    """A whole vehicle file; what is not an instrument's own (water, sea bed, clocks) stands in tables of priors."""
 
     name: str
     process: Process = Process()
     sensors: dict[str, Any] = Field(min_length=1)
+    water: dict[str, Any] = {}
+    seabed: dict[str, Any] = {}
+    clocks: dict[str, dict[str, Any]] = {}
+    points: dict[str, Point] = {}
 
 
 class Sensor(Keys):
@@ -56,6 +68,12 @@ class Sensor(Keys):
     mounting_deg: Vector = [0.0, 0.0, 0.0]
     mounting_matrix: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     gate_probability: Probability = 0.999
+    student_dof: Positive | None = None
+    gate_widening_s: Positive | None = None
+    reanchor_after: Annotated[int, Field(ge=2)] | None = None
+    every_s: Positive | None = None
+    standby_for: str | None = None
+    standby_after_s: Positive = 2.0
     latency_s: Finite = 0.0
     clock: str | None = None
     repeats: Literal["new", "held"] = "new"
@@ -67,16 +85,21 @@ COMMON = frozenset(Sensor.model_fields) - {"rate_hz"}
 
 
 class Imu(Sensor):
-    """Noise as densities, biases as turn-on sigma and as the in-run instability that they wander by."""
+    """Noise as densities, biases as turn-on sigma and as the in-run instability that they wander by.
+
+    A bias is a random constant that walks by its instability within tau, or (`gauss_markov`) a stationary process of its sigma and tau.
+    """
 
     gyro_noise_deg_per_rth: NotNegative
     gyro_bias_deg_per_h: NotNegative
     gyro_bias_instability_deg_per_h: NotNegative = 0.0
     gyro_bias_tau_s: Positive = 3600.0
+    gyro_bias_process: Literal["random_walk", "gauss_markov"] = "random_walk"
     accel_noise_ug_per_rthz: NotNegative
     accel_bias_ug: NotNegative
     accel_bias_instability_ug: NotNegative = 0.0
     accel_bias_tau_s: Positive = 3600.0
+    accel_bias_process: Literal["random_walk", "gauss_markov"] = "random_walk"
     gap_s: Positive | None = None
     gap_accel_mps2_per_rthz: Positive = 0.3
     gap_rate_degps_per_rthz: Positive = 3.0
@@ -166,7 +189,19 @@ class NuisanceKeys:
     axes: int = 1
 
 
+OF_ALL: Mapping[str, NuisanceKeys] = {"time": NuisanceKeys("s"), "lever": NuisanceKeys("m", 3)}  # of every kind but the inertial unit
+SHARED: Mapping[str, Mapping[str, NuisanceKeys]] = {
+    "water": {"current": NuisanceKeys("mps", 2)},
+    "seabed": {"depth": NuisanceKeys("m")},
+    "clocks": {"offset": NuisanceKeys("s"), "drift": NuisanceKeys("ppm")},
+}
 NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
+    "imu": {
+        "gyro_scale": NuisanceKeys("percent", 3),
+        "accel_scale": NuisanceKeys("percent", 3),
+        "gyro_misalignment": NuisanceKeys("deg", 6),
+        "accel_misalignment": NuisanceKeys("deg", 6),
+    },
     "dvl": {"scale": NuisanceKeys("percent"), "mounting": NuisanceKeys("deg", 3), "bias": NuisanceKeys("mps", 3)},
     "depth": {"datum": NuisanceKeys("m")},
     "heading": {"bias": NuisanceKeys("deg")},
@@ -217,22 +252,36 @@ def _is_noise(key: str) -> bool:
 
 def nuisance_of(kind: str, name: str, where: str) -> NuisanceKeys:
     """Return what is known of a nuisance; raises InputError where the kind of sensor has none of that name."""
-    known = NUISANCES.get(kind, {})
+    known = {**NUISANCES.get(kind, {}), **({} if kind == "imu" else OF_ALL)}
     if name not in known:
         raise InputError(f"{where}.nuisance.{name}", f"is no nuisance of kind '{kind}'", suggestion(name, known) or "it has none")
     return known[name]
 
 
+def shared_of(table: str, name: str, where: str) -> NuisanceKeys:
+    """Return what is known of a nuisance that is no instrument's own; raises InputError where the table has none of that name."""
+    known = SHARED[table]
+    if name not in known:
+        raise InputError(f"{where}.{name}", f"is nothing that [{table}] can hold", suggestion(name, known))
+    return known[name]
+
+
 def check_prior(raw: Any, spec: NuisanceKeys, where: str) -> dict[str, Any]:
-    """Check the prior of one nuisance: value, sigma, tau, steady, walk, each with the unit of the nuisance."""
+    """Check the prior of one nuisance: value, sigma, tau, length, steady, walk, each with the unit of the nuisance.
+
+    `estimate = false` keeps it a constant for the filter: its sigma counts in an error budget alone.
+    """
     if not isinstance(raw, dict):
         raise InputError(where, shown(raw), f"a table such as {{ sigma_{spec.unit} = 1.0 }}")
     value, sigma = f"value_{spec.unit}", f"sigma_{spec.unit}"
-    by_axis = {key for key in (value, sigma) if spec.axes == 3 and isinstance(raw.get(key), list)}
+    by_axis = {key for key in (value, sigma) if spec.axes > 1 and isinstance(raw.get(key), list)}
+    length = Field(min_length=spec.axes, max_length=spec.axes)
     fields: dict[str, Any] = {
-        value: (Vector if value in by_axis else Finite, None),
-        sigma: (NotNegativeVector if sigma in by_axis else NotNegative, None),
+        value: (Annotated[list[Finite], length] if value in by_axis else Finite, None),
+        sigma: (Annotated[list[NotNegative], length] if sigma in by_axis else NotNegative, None),
         "tau_s": (Positive, None),
+        "length_m": (Positive, None),
+        "estimate": (bool, None),
         f"steady_{spec.unit}": (NotNegative, None),
         f"walk_{spec.unit}_per_rts": (NotNegative, None),
     }

@@ -23,18 +23,33 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from leadline.data.records import Array
+    from leadline.data.vehicle import SensorConfig
     from leadline.models.nuisance import Nuisance
     from leadline.models.process import Process
     from leadline.models.sensor import Channel, Sensor
+
+
+# What displaces the views of a channel: its place in the plan, and that of its values behind GATE.
+DISPLACING = {"time": at.TIME_S, "offset": at.OFFSET_S, "drift": at.DRIFT_S, "lever": at.LEVER_S}
+DISPLACING_VALUE = {"time": at.TIME_P, "offset": at.OFFSET_P, "drift": at.DRIFT_P, "lever": at.LEVER_P}
 
 
 @dataclass(frozen=True)
 class Slot:
     """A channel in its place: the number that events carry."""
 
-    sensor: str
+    config: SensorConfig
     channel: Channel
-    gate_probability: float
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor."""
+        return self.config.name
+
+    @property
+    def gate_probability(self) -> float:
+        """Probability of a good measurement to pass the gate; with Student's t none is turned away."""
+        return 1.0 if self.config.gate.student_dof else self.config.gate.probability
 
 
 class Composition:
@@ -47,14 +62,14 @@ class Composition:
     def __init__(self, process: Process, sensors: tuple[Sensor, ...], estimator: Any, clones: int) -> None:
         """Compose; `estimator` is a module with the kernels propagate, points and update."""
         self.process, self.sensors, self.estimator = process, sensors, estimator
-        self.slots = tuple(Slot(s.config.name, c, s.config.gate_probability) for s in sensors for c in s.channels)
+        self.slots = slots_of(sensors)
         for slot in self.slots:
-            _check(slot, process)
-            if slot.channel.epochs == 2 and clones == 0:
-                where = f"sensors.{slot.sensor}"
-                raise InputError(where, "looks at an earlier pose, and there are no clones", "set process.clones to 1 or more")
+            _check(slot, process, clones)
         self.layout = Layout(process.parts, _states(self.slots), clones, len(self.slots))
         self.first_slot = dict(zip((s.config.name for s in sensors), _starts(sensors), strict=True))
+        self.slots_of = {
+            s.config.name: range(self.first_slot[s.config.name], self.first_slot[s.config.name] + len(s.channels)) for s in sensors
+        }
         self.params, self.plan = self._compile()
         self.drift_bounding = np.array([slot.channel.bounds_drift for slot in self.slots], bool)
 
@@ -71,7 +86,8 @@ class Composition:
         ]
         plan[at.MOTION_PARAMS], plan[at.MOTION_END], plan[at.DECAY_PARAMS] = 0, len(params), len(params)
         for state in self.layout.nuisances:
-            params += [state.rate, state.density]
+            params += [state.rate, state.density, state.per_metre, state.density_per_metre]
+        plan[at.FIELDS] = sum(state.per_metre > 0.0 for state in self.layout.nuisances)
         plan[at.LONGEST_STEP] = len(params)
         params.append(self.process.longest_step)
         for i, slot in enumerate(self.slots):
@@ -90,12 +106,20 @@ class Composition:
         row[at.VALUES_N], row[at.VALUES] = len(channel.nuisances), len(params)
         params += [nuisance.value for nuisance in channel.nuisances]
         row[at.GATE] = len(params)
-        params.append(float(chi2.ppf(slot.gate_probability, len(channel.components))))
+        params += _gate_parameters(slot)
+        stands_for = self.slots_of.get(slot.config.standby_for or "", range(0))
+        row[at.STANDBY_FIRST], row[at.STANDBY_END] = stands_for.start, stands_for.stop
+        names = {name: nuisances for name, nuisances in slot.channel.displacing.items() if nuisances}
+        row[at.DISPLACED] = any(n.value or self.layout.nuisance_error(n.name) >= 0 for nuisances in names.values() for n in nuisances)
+        for name, place in DISPLACING.items():
+            row[place] = self.layout.nuisance_error(names[name][0].name) if name in names else -1
+            for i, nuisance in enumerate(names.get(name, ())):
+                params[row[at.GATE] + DISPLACING_VALUE[name] + i] = nuisance.value
         row[SLOT_NUISANCE : SLOT_NUISANCE + len(channel.nuisances)] = [self.layout.nuisance_error(n.name) for n in channel.nuisances]
 
 
 class Workspace:
-    """The arrays that the loop works in: allocated once."""
+    """The arrays that the loop works in: allocated once.  An empty tape records nothing."""
 
     def __init__(self, layout: Layout) -> None:
         """Allocate for a layout."""
@@ -105,12 +129,12 @@ class Workspace:
         self.V, self.N = np.zeros((1, 2 * VIEW_SIZE)), np.zeros((1, NUISANCES))
         self.Z, self.R = np.zeros((1, COMPONENTS)), np.zeros((COMPONENTS, COMPONENTS))
         self.Hv, self.Hn = np.zeros((COMPONENTS, 2 * TANGENT)), np.zeros((COMPONENTS, NUISANCES))
-        self.scratch = np.zeros(layout.size)
+        self.scratch, self.tape = np.zeros(layout.size), np.zeros(0)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
         """The arrays in the order in which `loop.run` takes them."""
-        return self.work, self.points, self.V, self.N, self.Z, self.R, self.Hv, self.Hn, self.scratch
+        return self.work, self.points, self.V, self.N, self.Z, self.R, self.Hv, self.Hn, self.scratch, self.tape
 
 
 def output_size(layout: Layout) -> int:
@@ -120,9 +144,14 @@ def output_size(layout: Layout) -> int:
 
 def room_for_clones(process: Process, sensors: tuple[Sensor, ...]) -> int:
     """Return how many clones fit beside the motion and the nuisances of sensors; at least one is always asked for."""
-    slots = tuple(Slot(s.config.name, c, s.config.gate_probability) for s in sensors for c in s.channels)
+    slots = slots_of(sensors)
     fixed = sum(part.size for part in process.parts) + len(_states(slots))
     return max(1, (WIDE - fixed) // CLONE_ERROR)
+
+
+def slots_of(sensors: tuple[Sensor, ...]) -> tuple[Slot, ...]:
+    """Return the channels of sensors in their places."""
+    return tuple(Slot(sensor.config, channel) for sensor in sensors for channel in sensor.channels)
 
 
 def _starts(sensors: tuple[Sensor, ...]) -> list[int]:
@@ -133,16 +162,31 @@ def _states(slots: tuple[Slot, ...]) -> tuple[Nuisance, ...]:
     """The nuisances that are states, each once; equal names must have equal priors."""
     found: dict[str, Nuisance] = {}
     for slot in slots:
-        for nuisance in slot.channel.nuisances:
+        for nuisance in (*slot.channel.nuisances, *(n for part in slot.channel.displacing.values() for n in part)):
             known = found.setdefault(nuisance.name, nuisance)
             if known != nuisance:
                 raise InputError(f"nuisance {nuisance.name}", "has two different priors", "equal names are one state: give one prior")
-    return tuple(n for n in found.values() if n.sigma > 0.0 or n.density > 0.0)
+    return tuple(n for n in found.values() if n.sigma > 0.0 or n.density > 0.0 or n.density_per_metre > 0.0)
 
 
-def _check(slot: Slot, process: Process) -> None:
+def _gate_parameters(slot: Slot) -> list[float]:
+    """Parameters from GATE on (plan.py)."""
+    gate, parameters = slot.config.gate, [0.0] * at.GATE_SIZE
+    parameters[at.LIMIT] = float(chi2.ppf(slot.gate_probability, len(slot.channel.components)))
+    parameters[at.WIDENING], parameters[at.STUDENT_DOF] = gate.widening or 0.0, gate.student_dof or 0.0
+    parameters[at.REANCHOR_AFTER] = float(gate.reanchor_after or 0)
+    parameters[at.EVERY], parameters[at.STANDBY_AFTER] = slot.config.every, slot.config.standby_after
+    parameters[at.NOISE_FACTOR] = 1.0
+    return parameters
+
+
+def _check(slot: Slot, process: Process, clones: int) -> None:
     """Refuse what does not fit, in one sentence."""
     where = f"sensors.{slot.sensor}"
+    if slot.channel.epochs == 2 and clones == 0:
+        raise InputError(where, "looks at an earlier pose, and there are no clones", "set process.clones to 1 or more")
+    if slot.channel.epochs == 2 and any(slot.channel.displacing.values()):
+        raise InputError(where, "looks at an earlier pose, and has an unknown lever arm, time offset or clock", "give these no prior")
     if missing := slot.channel.requires - process.defines:
         raise InputError(where, f"needs {', '.join(sorted(missing))}", f"which process model '{process.name}' does not define")
     for count, most, what in (

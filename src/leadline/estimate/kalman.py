@@ -2,6 +2,9 @@
 
 propagate   x <- f(x)      P <- [Phi 0; 0 beta] P [Phi 0; 0 beta]^T + Q        (clones stand still: beta = 1, Q = 0)
 update      S = H P H^T + R = L L^T,  Y = L^-1 H P,  y = L^-1 (z - h);  gate on |y|^2;  x <- x [+] Y^T y,  P <- P - Y^T Y
+
+A nuisance with decay rate r (per second, and by speed / length) has beta = exp(-r dt) and driving variance s^2 (1 - beta^2).
+What is done is noted on a tape where there is one (estimate/tape.py), for the smoother.
 """
 
 from __future__ import annotations
@@ -23,29 +26,48 @@ from leadline.core.compiled import (
     kernel,
 )
 from leadline.core.gaussian import correct, symmetrise, transpose, whiten, wrapped
+from leadline.estimate.displacement import displace, lever_of, offset_of, pull_back
+from leadline.estimate.gate import limit_of, opened, student_factor
 from leadline.estimate.plan import (
+    ADMIT,
     ANGLES,
     CHANNEL,
     CHANNEL_SIZE,
     COMPONENTS_N,
+    DECAY,
     DECAY_PARAMS,
+    DECAY_PER_METRE,
+    DECAY_SIZE,
+    DENSITY,
+    DENSITY_PER_METRE,
+    DISPLACED,
     EPOCHS,
+    FIELDS,
     GATE,
+    LIMIT,
+    LOG_DET,
     MOTION_END,
     MOTION_PARAMS,
     NIS,
     NOISE_AT,
+    NOISE_FACTOR,
     PULL_AT,
     PUSH_AT,
+    REANCHOR_AFTER,
     RESIDUAL,
     SIGMA,
     STEP_AT,
+    STUDENT_DOF,
     VALUES,
     VALUES_N,
+    VERDICT,
     VIEW_AT,
+    WIDENED,
 )
+from leadline.estimate.tape import note_measurement, push_transition
 from leadline.models.layout import (
     ACTIVE,
+    CHANNELS_N,
     CLONE_ERROR,
     CLONE_NOMINAL,
     CLONE_TIME,
@@ -53,6 +75,7 @@ from leadline.models.layout import (
     COV,
     INPUT,
     INPUTS,
+    LAST_USED,
     MOTION,
     NOMINAL,
     NUISANCES_N,
@@ -60,39 +83,62 @@ from leadline.models.layout import (
     X,
     retract,
 )
-from leadline.models.view import ATTITUDE_T, POSITION_T, RATE_T, RATE_VARIANCE_V, TANGENT, VIEW_SIZE
+from leadline.models.view import (
+    ATTITUDE_T,
+    POSITION_T,
+    RATE_T,
+    RATE_VARIANCE_V,
+    TANGENT,
+    VELOCITY_V,
+    VIEW_SIZE,
+)
 
-USED, GATED, INVALID = 0, 1, 2  # of data/outcome.py
+USED, GATED, INVALID, REANCHORED = 0, 1, 2, 13  # of data/outcome.py
 SYMMETRISE = 0.1  # times a second: asymmetry grows by rounding alone, to 1e-9 of a sigma in a day if nothing is done
 
 
+@kernel()
+def speed_of(plan, params, state, view):
+    """Level speed over ground (m/s)."""
+    call_view(
+        plan[VIEW_AT], state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS], params[plan[MOTION_PARAMS] : plan[MOTION_END]], view
+    )
+    return math.hypot(view[VELOCITY_V], view[VELOCITY_V + 1])
+
+
 @kernel(PROPAGATE)
-def propagate(plan, params, state, dt, work, points):
+def propagate(plan, params, state, dt, work, points, tape):
     """One step of motion, nuisances and covariance."""
     nm, nc, n = plan[MOTION], plan[NUISANCES_N], int(state[ACTIVE])
-    w = 16 if n <= 16 else (24 if n <= 24 else WIDE)
+    w = 16 if n <= 16 else (24 if n <= 24 else (32 if n <= 32 else WIDE))
     x, P, u = state[plan[X] : plan[COV]], state[plan[COV] :], state[INPUT : INPUT + INPUTS]
     p = params[plan[MOTION_PARAMS] : plan[MOTION_END]]
     A, B, m = work[: WIDE * WIDE], work[WIDE * WIDE : 2 * WIDE * WIDE], work[2 * WIDE * WIDE :]
+    speed = speed_of(plan, params, state, m[:VIEW_SIZE]) if plan[FIELDS] > 0 else 0.0
     call_step(plan[STEP_AT], x, u, dt, p, m)
     call_push(plan[PUSH_AT], m, dt, p, P, A, w)  # A = Phi P, all columns
     transpose(A, B, (nm + 3) // 4 * 4)
     call_push(plan[PUSH_AT], m, dt, p, B, P, 16 if nm <= 16 else w)  # P_mm = Phi (Phi P_mm)^T
-    at = plan[DECAY_PARAMS]
     for i in range(nm, n):
         k = i - nm
-        beta = params[at + 2 * k] if k < nc else 0.0
-        beta = 1.0 if beta == 0.0 else math.exp(-beta * dt)
+        rate = density = 0.0
+        if k < nc:
+            at = plan[DECAY_PARAMS] + DECAY_SIZE * k
+            rate = params[at + DECAY] + speed * params[at + DECAY_PER_METRE]
+            density = params[at + DENSITY] + speed * params[at + DENSITY_PER_METRE]
+        beta = 1.0 if rate == 0.0 else math.exp(-rate * dt)
         for j in range(nm):
             P[j * WIDE + i] = P[i * WIDE + j] = A[j * WIDE + i] * beta  # P_mc = Phi P_mc beta
         if k < nc:
-            x[plan[NOMINAL] + k] *= beta
             if beta != 1.0:
+                x[plan[NOMINAL] + k] *= beta
                 for j in range(nm, n):
                     P[i * WIDE + j] *= beta
                     P[j * WIDE + i] *= beta
-            P[i * WIDE + i] += dt * params[at + 2 * k + 1]
+            P[i * WIDE + i] += density * dt if beta == 1.0 else density / (2.0 * rate) * (1.0 - beta * beta)
     call_noise(plan[NOISE_AT], m, dt, p, P)
+    if tape.shape[0] > 0:
+        push_transition(plan, params, m, dt, speed, n, tape)
     if math.floor(state[TIME] * SYMMETRISE) != math.floor((state[TIME] + dt) * SYMMETRISE):
         symmetrise(P, n)
 
@@ -115,6 +161,8 @@ def points(plan, params, state, channel, row, work, points, V, N):
     x, u = state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS]
     call_view(plan[VIEW_AT], x, u, params[plan[MOTION_PARAMS] : plan[MOTION_END]], V[0, :VIEW_SIZE])
     at = CHANNEL + CHANNEL_SIZE * channel
+    if plan[at + DISPLACED] != 0:
+        displace(V[0, :VIEW_SIZE], -offset_of(plan, params, state, channel), lever_of(plan, params, state, channel))
     if plan[at + EPOCHS] == 2:
         clone = find_clone(plan, state, row[len(row) - 1])
         if clone < 0:
@@ -131,18 +179,21 @@ def points(plan, params, state, channel, row, work, points, V, N):
 
 @kernel()
 def fill_jacobian(plan, params, state, channel, row, Hv, Hn, view, H):
-    """H over the composed state: motion by the process model's `pull`, nuisances that are states, and the clone."""
+    """H over the composed state: nuisances that are states, what displaces the view, motion by the process model's `pull`, the clone."""
     nm, n = plan[MOTION], int(state[ACTIVE])
     x, u = state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS]
     at = CHANNEL + CHANNEL_SIZE * channel
     c = plan[at + COMPONENTS_N]
-    call_pull(plan[PULL_AT], x, u, params[plan[MOTION_PARAMS] : plan[MOTION_END]], view, Hv, H, c)
     for a in range(c):
         H[a, nm:n] = 0.0
         for k in range(plan[at + VALUES_N]):
             i = plan[at + SLOT_NUISANCE + k]
             if i >= 0:
                 H[a, i] += Hn[a, k]
+    if plan[at + DISPLACED] != 0:
+        lever = lever_of(plan, params, state, channel)
+        pull_back(plan, channel, state[TIME], view, -offset_of(plan, params, state, channel), lever, Hv, H, c)
+    call_pull(plan[PULL_AT], x, u, params[plan[MOTION_PARAMS] : plan[MOTION_END]], view, Hv, H, c)
     if plan[at + EPOCHS] == 2:
         i = nm + plan[NUISANCES_N] + CLONE_ERROR * find_clone(plan, state, row[len(row) - 1])
         for a in range(c):
@@ -160,42 +211,85 @@ def add_rate_noise(R, Hv, variance, c):
                     R[a, b] += variance * Hv[a, k] * Hv[b, k]
 
 
-@kernel(UPDATE)
-def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, result):
-    """Judge the whole measurement against the gate, then use it."""
-    n, at = int(state[ACTIVE]), CHANNEL + CHANNEL_SIZE * channel
-    P, c = state[plan[COV] :], plan[at + COMPONENTS_N]
-    y, d, S, L, Y = work[0:8], work[8 : 8 + WIDE], work[64:128], work[128:192], work[192 : 192 + COMPONENTS * WIDE]
-    H, view = points, points[points.shape[0] - 1, :VIEW_SIZE]
-    call_view(
-        plan[VIEW_AT], state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS], params[plan[MOTION_PARAMS] : plan[MOTION_END]], view
-    )
-    fill_jacobian(plan, params, state, channel, row, Hv, Hn, view, H)
-    add_rate_noise(R, Hv, view[RATE_VARIANCE_V], c)
+@kernel()
+def project(P, H, Y, T, c, n):
+    """Y = H P and T = H P H^T."""
     w = (n + 7) // 8 * 8
     for a in range(c):
-        y[a] = row[a] - Z[0, a]
-        if (plan[at + ANGLES] >> a) & 1:
-            y[a] = wrapped(y[a])
-        result[RESIDUAL + a] = y[a]
         for j in range(w):
             Y[a * WIDE + j] = 0.0
         for i in range(n):
             h = H[a, i]
             if h != 0.0:
                 for j in range(w):
-                    Y[a * WIDE + j] += h * P[i * WIDE + j]  # Y = H P
+                    Y[a * WIDE + j] += h * P[i * WIDE + j]
     for a in range(c):
         for b in range(c):
-            s = R[a, b]
+            s = 0.0
             for j in range(n):
                 s += Y[a * WIDE + j] * H[b, j]
-            S[a * COMPONENTS + b] = s
+            T[a * COMPONENTS + b] = s
+
+
+@kernel()
+def judge(R, T, L, Y, r, y, factor, c, n, result):
+    """Whiten with S = T + factor R; returns the normalised innovation squared, and leaves what is known of the residual in `result`."""
+    S = L[COMPONENTS * COMPONENTS :]
+    for a in range(c):
+        y[a] = r[a]
+        for b in range(c):
+            S[a * COMPONENTS + b] = T[a * COMPONENTS + b] + factor * R[a, b]
         result[SIGMA + a] = math.sqrt(S[a * COMPONENTS + a])
     nis = whiten(S, L, Y, y, c, n)
-    result[NIS] = nis
-    if not nis < params[plan[at + GATE]]:
-        return GATED if nis == nis else INVALID
+    det = 0.0
+    for a in range(c):
+        det += math.log(L[a * COMPONENTS + a])
+    result[NIS], result[LOG_DET] = nis, 2.0 * det
+    return nis
+
+
+@kernel(UPDATE)
+def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result):
+    """Judge the whole measurement against the gate, then use it; after a run of rejections open the estimate up and use it then."""
+    n, at = int(state[ACTIVE]), CHANNEL + CHANNEL_SIZE * channel
+    P, c, g = state[plan[COV] :], plan[at + COMPONENTS_N], plan[at + GATE]
+    r, y, d, T = work[0:8], work[8:16], work[16 : 16 + WIDE], work[64:128]
+    L, Y = work[128:256], work[256 : 256 + COMPONENTS * WIDE]
+    H, view = points, points[points.shape[0] - 1, :VIEW_SIZE]
+    call_view(
+        plan[VIEW_AT], state[plan[X] : plan[COV]], state[INPUT : INPUT + INPUTS], params[plan[MOTION_PARAMS] : plan[MOTION_END]], view
+    )
+    fill_jacobian(plan, params, state, channel, row, Hv, Hn, view, H)
+    add_rate_noise(R, Hv, view[RATE_VARIANCE_V], c)
+    for a in range(c):
+        r[a] = row[a] - Z[0, a]
+        if (plan[at + ANGLES] >> a) & 1:
+            r[a] = wrapped(r[a])
+        result[RESIDUAL + a] = r[a]
+    project(P, H, Y, T, c, n)
+    factor = params[g + NOISE_FACTOR]
+    if params[g + STUDENT_DOF] > 0.0:
+        factor *= student_factor(R, T, r, params[g + STUDENT_DOF], factor, c, work[256 + COMPONENTS * WIDE :])
+    nis = judge(R, T, L, Y, r, y, factor, c, n, result)
+    verdict = USED
+    result[WIDENED] = 1.0 if params[g + STUDENT_DOF] > 0.0 else 0.0
+    if not nis < params[g + LIMIT] and result[VERDICT] != ADMIT:
+        if nis != nis:
+            return INVALID
+        result[WIDENED] = 1.0
+        if not nis < limit_of(params, g, state[TIME] - state[LAST_USED + channel]):
+            result[WIDENED] = 0.0
+            verdict = GATED
+            run = params[g + REANCHOR_AFTER]
+            if run > 0.0 and state[LAST_USED + plan[CHANNELS_N] + channel] + 1.0 >= run:
+                opened(P, H, L, Y, y, nis, d, c, n, work[256 + COMPONENTS * WIDE :])
+                project(P, H, Y, T, c, n)
+                nis = judge(R, T, L, Y, r, y, factor, c, n, result)
+                verdict, result[WIDENED] = REANCHORED, 1.0
+    if tape.shape[0] > 0:
+        note_measurement(plan, channel, verdict, H, Hn, L, Y, y, c, n, tape)
+    if verdict == GATED:
+        return GATED
     correct(P, Y, y, d, c, n)  # keeps symmetry to the bit
     retract(plan, state[plan[X] : plan[COV]], d, n)
-    return USED
+    return verdict

@@ -12,6 +12,8 @@ from leadline.core.compiled import F2, WIDE, F, I, call_points, call_propagate, 
 from leadline.estimate.plan import (
     CHANNEL,
     CHANNEL_SIZE,
+    EVERY,
+    GATE,
     IS_CLONE,
     IS_DROP,
     IS_INPUT,
@@ -28,11 +30,16 @@ from leadline.estimate.plan import (
     PROPAGATE_AT,
     PULL_AT,
     SENSOR_AT,
+    STANDBY_AFTER,
+    STANDBY_END,
+    STANDBY_FIRST,
     UPDATE_AT,
     VIEW_AT,
 )
+from leadline.estimate.tape import EVENT, OUTPUT, begin, note_clone, note_drop, note_output
 from leadline.models.layout import (
     ACTIVE,
+    CHANNELS_N,
     CLONE_ERROR,
     CLONE_NOMINAL,
     CLONE_TIME,
@@ -50,21 +57,21 @@ from leadline.models.layout import (
 )
 from leadline.models.view import TANGENT, VIEW_SIZE
 
-USED, NO_CLONE = 0, 10  # of data/outcome.py
+USED, GATED, NO_CLONE, REANCHORED, STANDBY, DECIMATED, OVERRULED = 0, 1, 10, 13, 14, 15, 16  # of data/outcome.py
 POSE = 9  # the first directions of a view's tangent space: position, velocity, attitude
 
 
 @kernel()
-def advance(plan, params, state, time, work, points):
+def advance(plan, params, state, time, work, points, tape):
     """Propagate to `time`, in steps no longer than the process model allows."""
     longest = params[plan[LONGEST_STEP]]
     while state[TIME] < time:
         dt = time - state[TIME]
         if dt > longest:
-            call_propagate(plan[PROPAGATE_AT], plan, params, state, longest, work, points)
+            call_propagate(plan[PROPAGATE_AT], plan, params, state, longest, work, points, tape)
             state[TIME] += longest
         else:
-            call_propagate(plan[PROPAGATE_AT], plan, params, state, dt, work, points)
+            call_propagate(plan[PROPAGATE_AT], plan, params, state, dt, work, points, tape)
             state[TIME] = time
 
 
@@ -83,7 +90,7 @@ def pose_jacobian(plan, params, state, view, points):
 
 
 @kernel()
-def clone(plan, params, state, view, points):
+def clone(plan, params, state, view, points, tape):
     """Put the pose of now into a free clone (else the oldest): x and P grow by it."""
     slot = 0
     for c in range(plan[CLONES]):
@@ -97,6 +104,8 @@ def clone(plan, params, state, view, points):
     state[CLONE_TIME + slot] = state[TIME]
     n, P = int(state[ACTIVE]), state[plan[COV] :]
     H = pose_jacobian(plan, params, state, view, points)
+    if tape.shape[0] > 0:
+        note_clone(plan, first, H, n, tape)
     at = plan[X] + plan[NOMINAL] + plan[NUISANCES_N] + CLONE_NOMINAL * slot
     state[at : at + 5] = view[0:5]
     state[at + 5 : at + 9] = view[8:12]
@@ -117,7 +126,7 @@ def clone(plan, params, state, view, points):
 
 
 @kernel()
-def drop(plan, state, epoch):
+def drop(plan, state, epoch, tape):
     """Forget the clone of an epoch; the state shrinks when no clone beyond it lives."""
     fixed, active = plan[MOTION] + plan[NUISANCES_N], plan[MOTION] + plan[NUISANCES_N]
     P = state[plan[COV] :]
@@ -125,6 +134,8 @@ def drop(plan, state, epoch):
         first = fixed + CLONE_ERROR * c
         if state[CLONE_TIME + c] == epoch:
             state[CLONE_TIME + c] = math.nan
+            if tape.shape[0] > 0:
+                note_drop(first, int(state[ACTIVE]), tape)
             for i in range(first, first + CLONE_ERROR):
                 for j in range(plan[ERROR]):
                     P[i * WIDE + j] = P[j * WIDE + i] = 0.0
@@ -159,39 +170,90 @@ def write_output(plan, params, state, view, work, points, out):
         out[OUT_X + fixed + i] = P[i * (WIDE + 1)]
 
 
-@kernel(i8(I, F, F, F, I, I, F, I, i8, i8, F, F2, F2, F2, F2, F2, F2, F2, F, I, F2, F2))
-def run(plan, params, state, time, kind, start, data, index, first, last, work, points, V, N, Z, R, Hv, Hn, scratch, outcome, result, out):
-    """Consume events first .. last-1.  Stops at a sensor in plain Python and returns its event; else returns `last`."""
+@kernel()
+def withheld(plan, params, state, channel):
+    """Say why a measurement of a channel is not even looked at: it comes too soon, or the sensor that it stands in for is at work."""
+    at = CHANNEL + CHANNEL_SIZE * channel
+    g = plan[at + GATE]
+    if params[g + EVERY] > 0.0 and state[TIME] - state[LAST_USED + channel] < params[g + EVERY] * (1.0 - 1e-6):
+        return DECIMATED
+    if plan[at + STANDBY_END] > 0:
+        newest = -math.inf
+        for i in range(plan[at + STANDBY_FIRST], plan[at + STANDBY_END]):
+            newest = max(newest, state[LAST_USED + i])
+        if state[TIME] - newest < params[g + STANDBY_AFTER]:
+            return STANDBY
+    return USED
+
+
+@kernel()
+def remember(plan, state, channel, verdict):
+    """Remember when a channel was last used, and how often in a row it has been turned away."""
+    rejected = LAST_USED + plan[CHANNELS_N] + channel
+    if verdict in (USED, REANCHORED):
+        state[LAST_USED + channel], state[rejected] = state[TIME], 0.0
+    elif verdict == GATED:
+        state[rejected] += 1.0
+
+
+@kernel()
+def look(plan, params, state, channel, row, work, points, V, N, Z, R, Hv, Hn, tape, result):
+    """Ask the sensor at the estimator's points, and update; returns the outcome."""
+    verdict = withheld(plan, params, state, channel)
+    if verdict != USED:
+        return verdict
+    at = CHANNEL + CHANNEL_SIZE * channel
+    k = call_points(plan[POINTS_AT], plan, params, state, channel, row, work, points, V, N)
+    Hv[:] = 0.0
+    Hn[:] = 0.0
+    R[:] = 0.0
+    verdict = USED if k > 0 else NO_CLONE
+    p = params[plan[at + PARAMS] : plan[at + PARAMS_END]]
+    for i in range(k):
+        verdict = max(verdict, call_sensor(plan[at + SENSOR_AT], V[i], N[i], row, p, Z[i], R, Hv, Hn))
+    if verdict == USED:
+        verdict = call_update(plan[UPDATE_AT], plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result)
+    remember(plan, state, channel, verdict)
+    return verdict
+
+
+@kernel()
+def put_out(plan, params, state, time, index, scratch, view, work, points, tape, out):
+    """Write an output, on a copy: asking for output changes no estimate."""
+    at, n = 0, int(state[ACTIVE])
+    if tape.shape[0] > 0:
+        at = begin(OUTPUT, index, n, tape)
+    scratch[:] = state
+    advance(plan, params, scratch, time, work, points, tape)
+    write_output(plan, params, scratch, view, work, points, out)
+    if tape.shape[0] > 0:
+        note_output(index, n, scratch, at, tape)
+
+
+@kernel(i8(I, F, F, F, I, I, F, I, i8, i8, F, F2, F2, F2, F2, F2, F2, F2, F, F, I, F2, F2))
+def run(
+    plan, params, state, time, kind, start, data, index, first, last, work, points, V, N, Z, R, Hv, Hn, scratch, tape, outcome, result, out
+):  # fmt: skip
+    """Consume events first .. last-1.  Stops at a sensor in plain Python and returns its event; else returns `last`.
+
+    An event whose outcome is OVERRULED beforehand is passed over.
+    """
     for e in range(first, last):
         row = data[start[e] : start[e + 1]]
-        if kind[e] == IS_OUTPUT:  # on a copy: asking for output changes no estimate
-            scratch[:] = state
-            advance(plan, params, scratch, time[e], work, points)
-            write_output(plan, params, scratch, V[0], work, points, out[index[e]])
+        if kind[e] == IS_OUTPUT:
+            put_out(plan, params, state, time[e], index[e], scratch, V[0], work, points, tape, out[index[e]])
             continue
-        advance(plan, params, state, time[e], work, points)
-        if kind[e] < 0:
-            if kind[e] == IS_INPUT:
-                state[INPUT : INPUT + row.shape[0]] = row
-            elif kind[e] == IS_CLONE:
-                clone(plan, params, state, V[0], points)
-            elif kind[e] == IS_DROP:
-                drop(plan, state, row[0])
-            continue
-        at = CHANNEL + CHANNEL_SIZE * kind[e]
-        if plan[at + SENSOR_AT] == 0:
-            return e
-        k = call_points(plan[POINTS_AT], plan, params, state, kind[e], row, work, points, V, N)
-        Hv[:] = 0.0
-        Hn[:] = 0.0
-        R[:] = 0.0
-        verdict = USED if k > 0 else NO_CLONE
-        p = params[plan[at + PARAMS] : plan[at + PARAMS_END]]
-        for i in range(k):
-            verdict = max(verdict, call_sensor(plan[at + SENSOR_AT], V[i], N[i], row, p, Z[i], R, Hv, Hn))
-        if verdict == USED:
-            verdict = call_update(plan[UPDATE_AT], plan, params, state, kind[e], row, Z, R, Hv, Hn, work, points, result[index[e]])
-        outcome[index[e]] = verdict
-        if verdict == USED:
-            state[LAST_USED + kind[e]] = state[TIME]
+        advance(plan, params, state, time[e], work, points, tape)
+        if kind[e] == IS_INPUT:
+            state[INPUT : INPUT + row.shape[0]] = row
+        elif kind[e] == IS_CLONE:
+            clone(plan, params, state, V[0], points, tape)
+        elif kind[e] == IS_DROP:
+            drop(plan, state, row[0], tape)
+        elif outcome[index[e]] != OVERRULED:
+            if plan[CHANNEL + CHANNEL_SIZE * kind[e] + SENSOR_AT] == 0:
+                return e
+            if tape.shape[0] > 0:
+                tape[EVENT] = index[e]
+            outcome[index[e]] = look(plan, params, state, kind[e], row, work, points, V, N, Z, R, Hv, Hn, tape, result[index[e]])
     return last

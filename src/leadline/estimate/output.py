@@ -10,6 +10,7 @@ import numpy as np
 from leadline.core import attitude, geodesy
 from leadline.data.solution import Estimate, Innovations, Solution, Status
 from leadline.estimate import plan as at
+from leadline.models.sensor import AXES
 from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, RATE_VARIANCE_V, VELOCITY_V, VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -114,9 +115,9 @@ def estimates(composition: Composition, output: Array) -> dict[str, Estimate]:
     x, variances = at.OUT_X, at.OUT_X + layout.motion_nominal + len(layout.nuisances)
     for part in layout.motion[3:]:
         nominal, error = layout.nominal_of(part.name), layout.error_of(part.name)
-        for i, axis in enumerate(("_x", "_y", "_z")[: part.size]):
+        for i, axis in enumerate(AXES[part.size]):
             sigma = np.sqrt(np.maximum(output[:, variances + error.start + i], 0.0))
-            name = f"{composition.process.consumes}.{part.name}{axis}"
+            name = f"{part.name if '.' in part.name else f'{composition.process.consumes}.{part.name}'}{axis}"
             found[name] = Estimate(output[:, x + nominal.start + i], sigma, part.unit, part.frame)
     for i, nuisance in enumerate(layout.nuisances):
         sigma = np.sqrt(np.maximum(output[:, variances + layout.motion_error + i], 0.0))

@@ -13,7 +13,7 @@ import numpy as np
 from leadline.core.gaussian import wrapped
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.models.layout import LAST_USED, TIME
+from leadline.estimate import loop
 from leadline.models.view import TANGENT, VIEW_SIZE, NavigationView, retract_view
 
 if TYPE_CHECKING:
@@ -26,6 +26,13 @@ STEP = 1e-4  # of the central difference: rounding of a position to 1e-9 m stays
 
 def evaluate(composition: Composition, work: Workspace, state: Array, slot: int, row: Array, result: Array) -> int:
     """Ask the sensor at the estimator's points and update; returns the outcome."""
+    plan, params = composition.plan, composition.params
+    outcome = int(loop.withheld(plan, params, state, slot)) or _looked(composition, work, state, slot, row, result)
+    loop.remember(plan, state, slot, outcome)
+    return outcome
+
+
+def _looked(composition: Composition, work: Workspace, state: Array, slot: int, row: Array, result: Array) -> int:
     channel, estimator = composition.slots[slot].channel, composition.estimator
     k = estimator.points(composition.plan, composition.params, state, slot, row, work.work, work.points, work.V, work.N)
     if k == 0:
@@ -38,11 +45,8 @@ def evaluate(composition: Composition, work: Workspace, state: Array, slot: int,
     if not (np.isfinite(work.Z[:k, :c]).all() and np.isfinite(work.R[:c, :c]).all()):
         return int(Outcome.INVALID)
     work.Hv[:c, : TANGENT * channel.epochs], work.Hn[:c, : len(channel.nuisances)] = jacobians(channel, work.V[0], work.N[0], own)
-    arrays = (work.Z, work.R, work.Hv, work.Hn, work.work, work.points, result)
-    outcome = int(estimator.update(composition.plan, composition.params, state, slot, row, *arrays))
-    if outcome == Outcome.USED:
-        state[LAST_USED + slot] = state[TIME]
-    return outcome
+    arrays = (work.Z, work.R, work.Hv, work.Hn, work.work, work.points, work.tape, result)
+    return int(estimator.update(composition.plan, composition.params, state, slot, row, *arrays))
 
 
 def checked(answer: tuple[Array, Array], count: int, sensor: str) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from leadline.estimate.navigator import Navigator, Results
 from leadline.estimate.output import Reference, solution_of
 from leadline.estimate.start import Start, origin_of, start_of
 from leadline.models.imu import InputStream, rates_of
-from leadline.models.inertial import inertial
+from leadline.models.inertial_units import inertial_units, initial_units
 from leadline.models.layout import MOST_CLONES
 from leadline.models.sensor import Context
 from leadline.models.sensors import compose
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from leadline.data.records import Array
+    from leadline.data.vehicle import SensorConfig
     from leadline.estimate.events import Integers
     from leadline.models.sensor import Sensor
 
@@ -101,7 +102,7 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     context = Context.of(log, vehicle)
     imu = vehicle[vehicle.process.imu]
     sensors = tuple(s for config in vehicle.sensors.values() if (s := compose(config, context)) is not None)
-    process = inertial(imu, context.surface)
+    process = inertial_units(imu, standby_of(vehicle), context.surface)
     clones = vehicle.process.clones
     if clones is None:
         clones = min(MOST_CLONES, room_for_clones(process, sensors), _clones_needed(sensors, log))
@@ -141,13 +142,18 @@ def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
     point = place + geodesy.rotation_en(start.latitude, start.longitude) @ lever
     latitude, longitude, height = geodesy.geodetic_from_ecef(point)
     q_en = attitude.quaternion_from_matrix(geodesy.rotation_en(latitude, longitude))
-    x = np.concatenate([q_en, [float(height)], start.velocity_n + turning, start.quaternion_nb, np.zeros(6)])
-    bias = [imu.value("gyro_bias")] * 3 + [imu.value("accel_bias")] * 3
+    values, bias = initial_units(imu, standby_of(vehicle))
+    x = np.concatenate([q_en, [float(height)], start.velocity_n + turning, start.quaternion_nb, values])
     tilt = [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]
     sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_depth, *[start.sigma_velocity] * 3, *tilt, *bias])
-    shift = np.eye(15)
+    shift = np.eye(len(sigma))
     shift[0:3, 6:9], shift[3:6, 6:9] = -_skew(lever), -_skew(turning)
     return x, shift @ np.diag(sigma**2) @ shift.T
+
+
+def standby_of(vehicle: Vehicle) -> SensorConfig | None:
+    """Return the inertial unit that stands in for the first, where there is one."""
+    return None if vehicle.process.standby is None else vehicle[vehicle.process.standby]
 
 
 def _skew(a: Array) -> Array:
@@ -270,7 +276,7 @@ def innovations_of(log: Log, vehicle: Vehicle, composition: Composition, stream:
         nis=result[:, at.NIS],
         dof=dof[group],
         gate_probability=np.array([s.gate_probability for s in slots] or [0.0])[events.kind[of]],
-        widened=np.zeros(len(group), bool),
+        widened=result[:, at.WIDENED] == 1.0,
         outcome=results.outcome[group],
     )
     return _joined(looked_at, [_unused(name, log, verdicts) for name, verdicts in _all_outcomes(log, vehicle, stream).items()])

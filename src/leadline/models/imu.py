@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from leadline.data.records import Array, Imu
     from leadline.data.vehicle import SensorConfig
 
-INPUT_SIZE = 8  # rate 3, force 3, present, interval
+INPUT_SIZE = 9  # rate 3, force 3, present, interval, number of the unit
 # What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity.
 TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, MEMORY = 0, 1, 2, 5, 8, 11, 14
 USED, INVALID, DUPLICATE = int(Outcome.USED), int(Outcome.INVALID), int(Outcome.DUPLICATE)
@@ -100,7 +100,7 @@ def condition(time, rates, forces, interval, instant, rotation_bs, gap, m, start
             start[count] = time[i] - step if broken else m[TIME_M]
             store3(data[count], 0, (a[0] / step, a[1] / step, a[2] / step))
             store3(data[count], 3, (v[0] / step, v[1] / step, v[2] / step))
-            data[count, 6], data[count, 7] = 1.0, step
+            data[count, 6], data[count, 7], data[count, 8] = 1.0, step, 0.0
             count += 1
         m[TIME_M] = time[i]
         store3(m, RATE_M, rate)

@@ -41,6 +41,7 @@ from leadline.models.process import Process
 from leadline.models.view import ATTITUDE_T, FORCE, FORCE_T, POSITION_T, RATE, RATE_T, RATE_VARIANCE_V, VELOCITY, VELOCITY_T
 
 if TYPE_CHECKING:
+    from leadline.data.records import Array
     from leadline.data.vehicle import SensorConfig
 
 PARTS = (
@@ -52,7 +53,7 @@ PARTS = (
 )
 # Places in the nominal state, the input, the parameters and the memory that `step` leaves for `push` and `noise`.
 P, H, V, Q, BG, BA = 0, 4, 5, 8, 12, 15
-RATE_U, FORCE_U, PRESENT_U, INTERVAL_U = 0, 3, 6, 7
+RATE_U, FORCE_U, PRESENT_U, INTERVAL_U, DEVICE_U = 0, 3, 6, 7, 8
 SURFACE, ACCEL_DENSITY, GYRO_DENSITY, BG_RATE, BG_DENSITY, BA_RATE, BA_DENSITY, GAP_ACCEL, GAP_RATE, PARAMETERS = range(10)
 C_M, FORCE_M, W_IN_M, CORIOLIS_M, CURVE_M, GRADIENT_M, PRESENT_M, DECAY_M = 0, 9, 12, 15, 18, 21, 22, 23
 
@@ -116,6 +117,9 @@ def step(x, u, dt, params, m):
     m[PRESENT_M] = on
     m[DECAY_M] = math.exp(-dt * params[BG_RATE]) if params[BG_RATE] > 0.0 else 1.0
     m[DECAY_M + 1] = math.exp(-dt * params[BA_RATE]) if params[BA_RATE] > 0.0 else 1.0
+    for i in range(3):
+        x[BG + i] *= m[DECAY_M]
+        x[BA + i] *= m[DECAY_M + 1]
 
 
 @kernel(inline=True)
@@ -214,20 +218,27 @@ def pull(x, u, params, view, Hv, H, rows):
 
 def inertial(imu: SensorConfig, surface: float) -> Process:
     """Return the process model `inertial` of an IMU, for water whose surface is at the height `surface` (m)."""
-    tau_g, tau_a = imu.value("gyro_bias_tau"), imu.value("accel_bias_tau")
+    defines = frozenset({VELOCITY, RATE, FORCE})
+    return Process("inertial", PARTS, parameters_of(imu, surface), step, push, noise, view, pull, defines, consumes="imu")
+
+
+def parameters_of(imu: SensorConfig, surface: float) -> Array:
+    """Return the parameters (PARAMETERS,) of an IMU."""
     parameters = np.zeros(PARAMETERS)
     parameters[SURFACE] = surface
     parameters[ACCEL_DENSITY], parameters[GYRO_DENSITY] = imu.value("accel_noise") ** 2, imu.value("gyro_noise") ** 2
-    parameters[BG_RATE], parameters[BG_DENSITY] = _wander(imu.value("gyro_bias_instability"), tau_g)
-    parameters[BA_RATE], parameters[BA_DENSITY] = _wander(imu.value("accel_bias_instability"), tau_a)
+    parameters[BG_RATE], parameters[BG_DENSITY] = _wander(imu, "gyro_bias")
+    parameters[BA_RATE], parameters[BA_DENSITY] = _wander(imu, "accel_bias")
     parameters[GAP_ACCEL], parameters[GAP_RATE] = imu.value("gap_accel") ** 2, imu.value("gap_rate") ** 2
-    defines = frozenset({VELOCITY, RATE, FORCE})
-    return Process("inertial", PARTS, parameters, step, push, noise, view, pull, defines, consumes="imu")
+    return parameters
 
 
-def _wander(instability: float, tau: float) -> tuple[float, float]:
-    """Decay rate and noise density of a bias that starts anywhere and wanders by `instability`: a random walk of that size in tau.
+def _wander(imu: SensorConfig, bias: str) -> tuple[float, float]:
+    """Decay rate and noise density of a bias: a random walk by its instability in tau, or a stationary process of its sigma and tau.
 
-    The turn-on bias is a constant that does not decay, so the wandering part must not pull the whole bias to zero.
+    As a random walk the turn-on bias is a constant that does not decay, so the wandering part must not pull the whole bias to zero.
     """
-    return 0.0, instability**2 / tau
+    tau = imu.value(f"{bias}_tau")
+    if imu.value(f"{bias}_process", "random_walk") == "gauss_markov":
+        return 1.0 / tau, 2.0 * imu.value(bias) ** 2 / tau
+    return 0.0, imu.value(f"{bias}_instability") ** 2 / tau

@@ -1,7 +1,8 @@
 """THE state layout: which number of the state is what.  No other file holds an integer index into a composed state.
 
-A state is a flat array: time, active size, the input in force, the epochs of clones, when each channel was last used, the nominal
-state x, and the covariance P (rows of constant length).  So a checkpoint is a copy, and whatever runs live runs offline.
+A state is a flat array: time, active size, the input in force, the epochs of clones, when each channel was last used and how often in a
+row it has been rejected, the nominal state x, and the covariance P (rows of constant length).  So a checkpoint is a copy, and whatever
+runs live runs offline.
 
     x      = [motion | nuisances | clones]      error = [motion | nuisances | clones]
 
@@ -34,8 +35,8 @@ BLOCK_SIZE, MOST_BLOCKS = 4, 12
 LAYOUT_END = BLOCK + BLOCK_SIZE * MOST_BLOCKS
 
 # The head of the float array `state`.
-TIME, ACTIVE, INPUT, INPUTS, CLONE_TIME, MOST_CLONES = 0, 1, 2, 8, 10, 4
-LAST_USED = CLONE_TIME + MOST_CLONES
+TIME, ACTIVE, INPUT, INPUTS, CLONE_TIME, MOST_CLONES = 0, 1, 2, 9, 11, 4
+LAST_USED = CLONE_TIME + MOST_CLONES  # then, also by channel, the number of rejections in a row
 CLONE_NOMINAL, CLONE_ERROR = PLACE + 4, 6
 
 
@@ -114,7 +115,7 @@ class Layout:
     @property
     def x(self) -> slice:
         """Where the nominal state lies in the flat state."""
-        return slice(LAST_USED + self.channels, LAST_USED + self.channels + self.nominal)
+        return slice(LAST_USED + 2 * self.channels, LAST_USED + 2 * self.channels + self.nominal)
 
     @property
     def covariance(self) -> slice:
@@ -146,7 +147,7 @@ class Layout:
     def head(self) -> npt.NDArray[np.int64]:
         """Return the head of the plan."""
         plan = np.zeros(LAYOUT_END, np.int64)
-        parts = [*self.motion, Part("nuisances", Block.VECTOR, len(self.nuisances))]
+        parts = _joined([*self.motion, Part("nuisances", Block.VECTOR, len(self.nuisances))])
         sizes = (self.motion_error, self.motion_nominal, len(self.nuisances), self.clones, self.error, self.x.start, self.covariance.start)
         plan[:BLOCK] = *sizes, self.channels, len(parts)
         nominal = error = 0
@@ -160,7 +161,7 @@ class Layout:
         state = np.zeros(self.size)
         state[TIME], state[ACTIVE] = time, self.fixed
         state[CLONE_TIME : CLONE_TIME + MOST_CLONES] = np.nan
-        state[LAST_USED : self.x.start] = -np.inf
+        state[LAST_USED : LAST_USED + self.channels] = -np.inf
         values = np.concatenate([x, [nuisance.value for nuisance in self.nuisances]])
         state[self.x.start : self.x.start + len(values)] = values
         full = state[self.covariance].reshape(self.error, WIDE)
@@ -172,6 +173,17 @@ class Layout:
             at = self.x.start + self.motion_nominal + len(self.nuisances) + CLONE_NOMINAL * clone
             state[at] = state[at + PLACE] = 1.0
         return state
+
+
+def _joined(parts: list[Part]) -> list[Part]:
+    """Parts with neighbouring vectors as one: what moves alike is one block."""
+    joined: list[Part] = []
+    for part in parts:
+        if joined and joined[-1].block == part.block == Block.VECTOR:
+            joined[-1] = Part(joined[-1].name, Block.VECTOR, joined[-1].size + part.size)
+        else:
+            joined.append(part)
+    return joined
 
 
 @kernel()

@@ -11,7 +11,8 @@ class Nuisance:
     """One scalar nuisance: a constant when `sigma` is zero, a state otherwise; a sensor cannot tell which.
 
     As a state it is a first-order Gauss-Markov process about zero with correlation time `tau` and steady sigma `steady`, or,
-    with infinite tau, a random walk of density `walk` per square root of a second (0: a random constant).
+    with infinite tau, a random walk of density `walk` per square root of a second (0: a random constant).  With a `length` it is a
+    field in space as well: its decay rate grows by speed / length.
     """
 
     name: str  # keyed by instance, for example "dvl.scale"; equal names are one state
@@ -22,6 +23,8 @@ class Nuisance:
     walk: float = 0.0
     unit: str = ""
     frame: str = ""
+    length: float = math.inf  # distance over which it changes as it does over tau (m): a field that the vehicle moves through
+    considered: float = 0.0  # sigma of what is not estimated, for an error budget
 
     @property
     def rate(self) -> float:
@@ -32,3 +35,13 @@ class Nuisance:
     def density(self) -> float:
         """Variance of the driving noise per second."""
         return self.walk**2 if math.isinf(self.tau) else 2.0 * self.steady**2 / self.tau
+
+    @property
+    def per_metre(self) -> float:
+        """Decay per metre travelled (1/m)."""
+        return 0.0 if math.isinf(self.length) else 1.0 / self.length
+
+    @property
+    def density_per_metre(self) -> float:
+        """Variance of the driving noise per metre travelled."""
+        return 2.0 * self.steady**2 * self.per_metre

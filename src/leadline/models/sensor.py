@@ -11,7 +11,7 @@ first view is at the row's time, the second at its `earlier` epoch.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,12 +24,19 @@ from leadline.models.nuisance import Nuisance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from datetime import datetime
 
     from leadline.data.log import Beacon, Log, Origin
     from leadline.data.records import Array, Table
-    from leadline.data.vehicle import SensorConfig, Vehicle
+    from leadline.data.vehicle import Prior, SensorConfig, Vehicle
 
-AXES: Mapping[int, tuple[str, ...]] = {1: ("",), 3: ("_x", "_y", "_z")}
+AXES: Mapping[int, tuple[str, ...]] = {
+    1: ("",),
+    2: ("_north", "_east"),
+    3: ("_x", "_y", "_z"),
+    4: ("_sin", "_cos", "_sin2", "_cos2"),
+    6: ("_xy", "_xz", "_yx", "_yz", "_zx", "_zy"),
+}
 
 
 @dataclass(frozen=True)
@@ -40,13 +47,15 @@ class Context:
     surface: float = 0.0  # height of the mean water surface above the ellipsoid (m)
     origin: Origin | None = None
     beacons: Mapping[str, Beacon] = field(default_factory=dict)
+    shared: Mapping[str, Prior] = field(default_factory=dict)  # priors of what is no instrument's own: water.current, seabed.depth
+    date: datetime | None = None  # of time zero
 
     @classmethod
     def of(cls, log: Log, vehicle: Vehicle) -> Context:
         """Return the context of a log solved with a vehicle."""
         imu = vehicle.sensors.get(vehicle.process.imu)
         reference = imu.lever_arm_b if imu is not None else np.zeros(3)
-        return cls(reference, log.datum.geoid_undulation, log.origin, log.beacons)
+        return cls(reference, log.datum.geoid_undulation, log.origin, log.beacons, vehicle.shared, log.epoch)
 
     def lever(self, config: SensorConfig) -> Array:
         """Return a sensor's lever arm counted from the reference point, body axes (3,), m."""
@@ -75,6 +84,7 @@ class Channel:
     angles: tuple[bool, ...] = ()  # which components are angles; empty: none
     epochs: int = 1
     requires: frozenset[str] = frozenset()  # what the process model must define, as in models/view.py
+    displacing: Mapping[str, tuple[Nuisance, ...]] = field(default_factory=dict)  # time, offset, drift, lever: filled in by `displaced`
     bounds_drift: bool = False  # whether it holds the horizontal position error (a velocity over ground, a position, a range)
 
 
@@ -145,22 +155,38 @@ def sigmas(column: Array | None, default: float, count: int) -> Array:
     return np.where(found > 0.0, found, np.nan)
 
 
+def displaced(sensor: Sensor, context: Context) -> Sensor:
+    """Return a sensor whose channels know what displaces their views: the priors of its lever arm, its time stamps and its clock."""
+    config, priors = sensor.config, sensor.config.nuisance
+    found = {name: nuisances(config, name, axes, unit) for name, axes, unit in (("time", 1, "s"), ("lever", 3, "m")) if name in priors}
+    for name, unit in (("offset", "s"), ("drift", "1")):
+        if (prior := context.shared.get(f"clocks.{config.clock}.{name}")) is not None:
+            found[name] = nuisances_of(prior, f"clocks.{config.clock}.{name}", 1, unit)
+    if not found:
+        return sensor
+    return replace(sensor, channels=tuple(replace(channel, displacing=found) for channel in sensor.channels))
+
+
 def nuisances(config: SensorConfig, name: str, axes: int, unit: str, frame: str = "") -> tuple[Nuisance, ...]:
     """Return one nuisance of a sensor, per axis, keyed by instance; without a prior it is a constant zero."""
-    prior = config.nuisance.get(name)
+    return nuisances_of(config.nuisance.get(name), f"{config.name}.{name}", axes, unit, frame)
+
+
+def shared_nuisances(context: Context, name: str, axes: int, unit: str, frame: str = "") -> tuple[Nuisance, ...]:
+    """Return a nuisance that several sensors share (water.current, seabed.depth), per axis; without a prior it is a constant zero."""
+    return nuisances_of(context.shared.get(name), name, axes, unit, frame)
+
+
+def nuisances_of(prior: Prior | None, name: str, axes: int, unit: str, frame: str = "") -> tuple[Nuisance, ...]:
+    """Return the nuisances of a prior, per axis."""
     if prior is None:
-        return tuple(Nuisance(f"{config.name}.{name}{axis}", unit=unit, frame=frame) for axis in AXES[axes])
-    sigma = np.broadcast_to(prior.sigma, axes)
-    return tuple(
-        Nuisance(
-            f"{config.name}.{name}{axis}",
-            float(value),
-            float(s),
-            prior.tau,
-            float(s) if prior.steady is None else prior.steady,
-            prior.walk,
-            unit,
-            frame,
-        )
-        for axis, value, s in zip(AXES[axes], np.broadcast_to(prior.value, axes), sigma, strict=True)
-    )
+        return tuple(Nuisance(f"{name}{axis}", unit=unit, frame=frame) for axis in AXES[axes])
+    made = []
+    for axis, value, s in zip(AXES[axes], np.broadcast_to(prior.value, axes), np.broadcast_to(prior.sigma, axes), strict=True):
+        if prior.estimate:
+            steady = float(s) if prior.steady is None else prior.steady
+            law = {"sigma": float(s), "tau": prior.tau, "steady": steady, "walk": prior.walk, "length": prior.length}
+        else:
+            law = {"considered": float(s)}
+        made.append(Nuisance(f"{name}{axis}", float(value), unit=unit, frame=frame, **law))
+    return tuple(made)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from leadline.core.compiled import is_kernel
 from leadline.data.errors import InputError
-from leadline.models.sensor import Sensor
+from leadline.models.sensor import Sensor, displaced
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,12 +25,12 @@ def compose(config: SensorConfig, context: Context) -> Sensor | None:
     Raises InputError when a user's model cannot be imported.
     """
     if config.model is not None:
-        return _imported(config)(config, context)
+        return displaced(_imported(config)(config, context), context)
     home = f"{__name__}.{config.kind}"
     if find_spec(home) is None:
         return None
     composed: Sensor = import_module(home).compose(config, context)
-    return composed
+    return displaced(composed, context)
 
 
 def _imported(config: SensorConfig) -> Callable[[SensorConfig, Context], Sensor]:
