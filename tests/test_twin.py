@@ -105,7 +105,7 @@ def test_mechanisation(latitude: float) -> None:
     x, memory, events = navigator.state[layout.x].copy(), np.zeros(64), stream.events
     inputs = np.flatnonzero(events.kind == at.IS_INPUT)
     for e, dt in zip(inputs, np.diff(np.maximum(events.time[inputs], 0.0), append=600.0), strict=True):
-        twin.input = events.data[events.start[e] : events.start[e + 1]]
+        twin.input = events.data[events.start[e] : events.stop[e]]
         if dt > 0.0:
             process.step(x, twin.input, dt, process.parameters, memory)
             twin.mechanise(dt)

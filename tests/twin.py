@@ -213,7 +213,7 @@ class Twin:
     def run(self, events: Events) -> list[int]:
         """Consume all events; returns the outcome of each measurement."""
         outcomes = []
-        for time, kind, first, last in zip(events.time, events.kind, events.start[:-1], events.start[1:], strict=True):
+        for time, kind, first, last in zip(events.time, events.kind, events.start, events.stop, strict=True):
             row = events.data[first:last]
             if kind == IS_OUTPUT:
                 ahead = deepcopy(self) if self.time < time else self

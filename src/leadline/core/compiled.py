@@ -49,7 +49,9 @@ SENSOR = i8(F, F, F, F, F, F2, F2, F2)
 # Contract of an estimator.
 PROPAGATE = types.void(I, F, F, f8, F, F2, F)  #   plan, params, state, dt, work, points, tape
 POINTS = i8(I, F, F, i8, F, F, F2, F2, F2)  #      plan, params, state, channel, row, work, points, V, N -> how many points; 0: none
-UPDATE = i8(I, F, F, i8, F, F2, F2, F2, F2, F, F2, F, F)  # plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result -> outcome
+UPDATE = i8(
+    I, F, F, i8, F, F2, F2, F2, F2, F, F2, F, F
+)  # plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result -> outcome
 
 
 def cache_root() -> Path:

@@ -6,6 +6,8 @@ At one instant the order is: measurements, clones, outputs, the next input; with
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from hashlib import blake2b
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 Integers = npt.NDArray[np.int64]
 RECENT = 10  # rows that a time is held against
+REMEMBERED, DIGEST = 10_000, 16  # rows that a row is held against, and bytes kept of each
 RANK = {IS_CLONE: 1, IS_DROP: 2, IS_OUTPUT: 3, IS_INPUT: 4}  # measurements: 0
 
 
@@ -63,6 +66,7 @@ class Events:
     time: Array
     kind: Integers
     start: Integers
+    stop: Integers
     data: Array
     index: Integers  # of the result or the output that the event fills
     sensor: list[str]
@@ -103,17 +107,7 @@ def ordered(batches: Sequence[Batch]) -> Events:
             mine = source == i
             row[mine] = batch.row[local[mine]]
     names = [batches[i].sensor for i in source]
-    return Events(time[order], kind, start, data, _indices(kind), names, row)
-
-
-def of_list(events: Sequence[Event]) -> Events:
-    """Put single events, already in order, into the form that the loop consumes."""
-    kind = np.array([event.kind for event in events], np.int64)
-    start = np.concatenate([[0], np.cumsum([len(event.data) for event in events])]).astype(np.int64)
-    data = np.array([value for event in events for value in event.data], float)
-    time = np.array([event.time for event in events])
-    rows = np.array([event.row for event in events], np.int64)
-    return Events(time, kind, start, data, _indices(kind), [event.sensor for event in events], rows)
+    return Events(time[order], kind, start[:-1], start[1:], data, _indices(kind), names, row)
 
 
 def _indices(kind: Integers) -> Integers:
@@ -140,7 +134,7 @@ class Screen:
     repeats: str = "new"
     latency: float = 0.0
     live: bool = False  # more rows may come: any of them can equal one of these
-    seen: set[bytes] = field(default_factory=set)
+    seen: dict[bytes, None] = field(default_factory=dict)  # digests of rows, in order of arrival
     recent: Array = field(default_factory=lambda: np.full(RECENT, -np.inf))  # times, in order of arrival
     value: bytes = b""
 
@@ -159,13 +153,15 @@ class Screen:
         """Rows that equal an earlier one in all columns; only rows of equal time can."""
         alike = np.ones(len(table), bool) if self.live else _shared(table.time)
         index = np.flatnonzero(alike)
-        content = [bytes(row) for row in _row_bytes(table.select(index), with_time=True)] if len(index) else []
+        content = (
+            [blake2b(row, digest_size=DIGEST).digest() for row in _row_bytes(table.select(index), with_time=True)] if len(index) else []
+        )
         repeated = np.zeros(len(table), bool)
         for i, key in zip(index, content, strict=True):
             repeated[i] = key in self.seen
-            self.seen.add(key)
-        if len(self.seen) > 10_000:
-            self.seen = set(content[-1000:])
+            self.seen[key] = None
+        for key in list(islice(self.seen, max(0, len(self.seen) - REMEMBERED))):
+            del self.seen[key]
         return repeated
 
     def _jumps(self, table: Table) -> npt.NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """THE loop: propagate, look, correct, record.  It knows no sensor, no process model and no estimator.
 
-Events lie in arrays: `time`, `kind` (a channel, or one of the negative kinds of plan.py), `start` (the row of event e is
-data[start[e] : start[e + 1]]) and `index` (which result or output the event fills).
+Events lie in arrays: `time`, `kind` (a channel, or one of the negative kinds of plan.py), `start` and `stop` (the row of event e is
+data[start[e] : stop[e]]) and `index` (which result or output the event fills).
 """
 
 from __future__ import annotations
@@ -230,16 +230,17 @@ def put_out(plan, params, state, time, index, scratch, view, work, points, tape,
         note_output(index, n, scratch, at, tape)
 
 
-@kernel(i8(I, F, F, F, I, I, F, I, i8, i8, F, F2, F2, F2, F2, F2, F2, F2, F, F, I, F2, F2))
+@kernel(i8(I, F, F, F, I, I, I, F, I, i8, i8, F, F2, F2, F2, F2, F2, F2, F2, F, F, I, F2, F2))
 def run(
-    plan, params, state, time, kind, start, data, index, first, last, work, points, V, N, Z, R, Hv, Hn, scratch, tape, outcome, result, out
+    plan, params, state, time, kind, start, stop, data, index, first, last, work, points, V, N, Z, R, Hv, Hn,
+    scratch, tape, outcome, result, out,
 ):  # fmt: skip
     """Consume events first .. last-1.  Stops at a sensor in plain Python and returns its event; else returns `last`.
 
     An event whose outcome is OVERRULED beforehand is passed over.
     """
     for e in range(first, last):
-        row = data[start[e] : start[e + 1]]
+        row = data[start[e] : stop[e]]
         if kind[e] == IS_OUTPUT:
             put_out(plan, params, state, time[e], index[e], scratch, V[0], work, points, tape, out[index[e]])
             continue

@@ -1,12 +1,13 @@
 """Navigator: one composition and one state; the same object consumes a whole log or one row at a time, with the same bits.
 
 Live, events are kept in order of time for a window.  What arrives late is put in its place, and the stream is replayed from the
-checkpoint before it.  A measurement waits for the input that covers it, one sample at most.
+checkpoint before it.  A measurement waits for the input that covers it, one sample at most.  What leaves the window is final: it is
+counted, handed to `on_final` where somebody listens, and forgotten; so memory does not grow.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right, insort
+from collections import Counter, deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,55 +18,48 @@ from leadline.data.outcome import Outcome
 from leadline.data.records import KINDS, Imu, Table
 from leadline.estimate import loop
 from leadline.estimate import plan as at
-from leadline.estimate.composition import Composition, Workspace, output_size
-from leadline.estimate.events import RANK, Batch, Event, Events, Integers, Screen, measurements, of_list
+from leadline.estimate.composition import Composition, output_size
+from leadline.estimate.events import Batch, Event, Events, Integers, Screen, measurements
 from leadline.estimate.output import Reference, solution_of
-from leadline.estimate.python_sensor import evaluate
-from leadline.models.imu import InputStream
+from leadline.estimate.run import Results, Runner
+from leadline.estimate.window import Window
 from leadline.models.layout import TIME
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from leadline.data.records import Array
     from leadline.data.solution import Solution
+    from leadline.estimate.inputs import Inputs
 
 CHECKPOINT_EVERY = 100  # events
 
 
-@dataclass(frozen=True)
-class Results:
-    """What a run leaves: per measurement its outcome and result, per output its numbers (plan.py)."""
-
-    outcome: Integers
-    result: Array
-    output: Array
-
-
-@dataclass(frozen=True)
+@dataclass
 class Checkpoint:
-    """The state before an event of the stream."""
+    """The state before the event at a place of the window."""
 
-    event: Event
+    place: int
     state: Array
 
 
 class Navigator:
     """A composition at work.
 
-    state: the flat array of models/layout.py; all that is known lies in it.
+    state: the flat array of models/layout.py; all that is known lies in it.  outcomes: the last word on each row of the window, by
+    sensor and number of the row; counts: of the rows that have left it, by sensor and outcome.
     """
 
     def __init__(
         self,
         composition: Composition,
         state: Array,
-        inputs: InputStream | None = None,
+        inputs: Inputs | None = None,
         window: float = 30.0,
         reference: Reference | None = None,
         unmodelled: frozenset[str] = frozenset(),
     ) -> None:
-        """Start from a state; `inputs` turns IMU rows into inputs, `window` (s) is how late a row may arrive.
+        """Start from a state; `inputs` turns inertial rows into inputs, `window` (s) is how late a row may arrive.
 
         `reference` says against what estimates are expressed; `unmodelled` names sensors that no model uses yet.
         """
@@ -73,14 +67,20 @@ class Navigator:
         self.composition, self.state, self.inputs, self.window = composition, state.copy(), inputs, window
         self.reference = reference
         self.start = float(state[TIME])
-        self._workspace = Workspace(composition.layout)
-        self._screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
+        self.runner = Runner(composition)
+        self.screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
-        self._rows = dict.fromkeys(self._sensors, 0)
-        self._events: list[Event] = []  # in order, of the window
-        self._done = 0  # how many of them are in the state
-        self._checkpoints: list[Checkpoint] = []
+        self.rows = dict.fromkeys(self._sensors, 0)  # seen so far, by sensor
+        widest = max([at_least for s in composition.slots for at_least in (s.channel.row_length + s.channel.epochs - 1,)] + [16])
+        self.events = Window(tuple(self._sensors), widest)
+        self.done = 0  # how many of them are in the state
+        self.checkpoints: list[Checkpoint] = []
+        self.outputs = np.zeros((1, output_size(composition.layout)))  # of the output events in the stream, by number
         self.outcomes: dict[tuple[str, int], int] = {}
+        self.counts: dict[str, Counter[str]] = {name: Counter() for name in self._sensors}
+        self.turned_away: deque[tuple[float, tuple[str, int]]] = deque()  # rows that gave no event, and when they came
+        self.trimmed = False  # whether anything has left the window
+        self.on_final: Callable[[Window, int], None] | None = None
 
     @property
     def time(self) -> float:
@@ -92,146 +92,161 @@ class Navigator:
 
         With `progress` it goes in a hundred pieces and calls it after each with the fraction done; the bits are the same.
         """
-        measured = int(events.measured.sum())
-        results = Results(
-            np.full(measured, -1),
-            np.full((max(1, measured), at.RESULT_SIZE), np.nan),
-            np.zeros((max(1, outputs), output_size(self.composition.layout))),
-        )
+        results = Results.room(self.composition, int(events.measured.sum()), outputs)
         first, pieces = 0, 1 if progress is None else 100
         for piece in range(1, pieces + 1):
             last = len(events) * piece // pieces
-            while first < last:
-                first = self._consume(events, first, last, results)
+            self.runner.run(self.state, events, results, first, last)
+            first = last
             if progress is not None:
                 progress(piece / pieces)
         return results
 
-    def _consume(self, events: Events, first: int, last: int, results: Results) -> int:
-        """Run compiled up to `last` or to a sensor in plain Python, which is evaluated here; returns the next event."""
-        c = self.composition
-        stream = (events.time, events.kind, events.start, events.data, events.index)
-        e: int = loop.run(
-            c.plan, c.params, self.state, *stream, first, last, *self._workspace.arrays, results.outcome, results.result, results.output
-        )
-        if e == last:
-            return e
-        row = events.data[events.start[e] : events.start[e + 1]]
-        i = events.index[e]
-        results.outcome[i] = evaluate(c, self._workspace, self.state, int(events.kind[e]), row, results.result[i])
-        return e + 1
-
     def add(self, sensor: str, rows: Table) -> Integers:
         """Take in rows of a sensor as they arrive, and bring the state up to date; returns the outcome of each row as far as known.
 
-        A row that waits for its input counts as USED until it has been judged; `outcomes` holds the last word on every row, by
-        sensor and number of the row.  Raises InputError for a sensor that the composition does not have.
+        A row that waits for its input counts as USED until it has been judged; `outcomes` holds the last word on every row of the
+        window.  Raises InputError for a sensor that the composition does not have.
         """
-        if self.inputs is not None and sensor == self.inputs.name and isinstance(rows, Imu):
-            return self._add_input(rows)
+        if self.inputs is not None and self.inputs.is_mine(sensor) and isinstance(rows, Imu):
+            return self._add_input(sensor, rows)
         if sensor in self.unmodelled:
             return np.full(len(rows), int(Outcome.NO_MODEL))
         self._check(sensor, rows)
-        first = self._rows[sensor]
-        self._rows[sensor] += len(rows)
+        first = self.rows[sensor]
+        self.rows[sensor] += len(rows)
         slot = self.composition.first_slot[sensor]
         oldest = self.time - self.window
-        batches, outcome = measurements(self._sensors[sensor], slot, rows, self._screens[sensor], self.start, oldest=oldest)
-        self._insert([event for batch in batches for event in _numbered(batch, first)])
+        batches, outcome = measurements(self._sensors[sensor], slot, rows, self.screens[sensor], self.start, oldest=oldest)
+        self.take([event for batch in batches for event in _numbered(batch, first)])
         for i, code in enumerate(outcome):
-            self.outcomes[sensor, first + i] = int(code)
-        self._process()
-        return np.array([self.outcomes[sensor, first + i] for i in range(len(rows))])
+            self.outcomes.setdefault((sensor, first + i), int(code))
+            if code != Outcome.USED:
+                self.turned_away.append((self.time, (sensor, first + i)))
+        return np.array([self.outcomes[sensor, first + i] for i in range(len(rows))], np.int64)
 
     def _check(self, sensor: str, rows: Table) -> None:
         if sensor not in self._sensors:
-            known = [*self._sensors, *([self.inputs.name] if self.inputs is not None else [])]
+            known = [*self._sensors, *([self.inputs.first.name] if self.inputs is not None else [])]
             raise InputError("navigator", f"has no sensor '{sensor}' for rows of kind '{rows.kind}'", suggestion(sensor, known))
         kind = self._sensors[sensor].config.kind
         if kind in KINDS and rows.kind != kind:
             raise InputError("navigator", f"'{sensor}' was handed rows of kind '{rows.kind}'", f"it is of kind '{kind}'")
 
-    def _add_input(self, rows: Imu) -> Integers:
+    def _add_input(self, sensor: str, rows: Imu) -> Integers:
         if self.inputs is None:
             raise InputError("navigator", "has no input stream", "the process model consumes none")
-        start, data, outcome = self.inputs.push(rows)
-        self._insert(list(Batch(at.IS_INPUT, start, data)))
-        self._process()
-        return outcome
+        pushed = self.inputs.push(sensor, rows)
+        if np.isfinite(pushed.withdrawn):
+            self.withdraw(pushed.withdrawn)
+        self.take(list(Batch(at.IS_INPUT, pushed.time, pushed.data)))
+        return pushed.outcome
 
-    def _insert(self, events: list[Event]) -> None:
-        """Put events in their places; the state goes back where one lies before what has been consumed."""
-        earliest = self._done
+    def take(self, events: Iterable[Event]) -> None:
+        """Put events in their places, and consume what inputs cover; the state goes back where one lies before what it has consumed."""
+        earliest = self.done
         for event in events:
             if event.kind in (at.IS_CLONE, at.IS_DROP):
                 place, needed = self._agree(event)
                 earliest = min(earliest, place)
                 if not needed:
                     continue
-            earliest = min(earliest, bisect_left(self._events, event))
-            insort(self._events, event)
-        if earliest < self._done:
+            earliest = min(earliest, self.events.insert(event))
+        if earliest < self.done:
             self._rewind(earliest)
+        self._process()
+
+    def withdraw(self, time: float) -> None:
+        """Take the inputs from a time on out of the stream."""
+        events, count = self.events, len(self.events)
+        places = np.flatnonzero((events.kind[:count] == at.IS_INPUT) & (events.time[:count] >= time))
+        if len(places):
+            self._rewind(int(places[0]))
+            events.delete(places)
 
     def _agree(self, event: Event) -> tuple[int, bool]:
         """Agree a clone, or the order to forget it, with what is known: (where the stream changed by it, whether it is needed).
 
         A clone is made once, and forgotten after the last row that looks at it.
         """
+        events, count = self.events, len(self.events)
         if event.kind == at.IS_CLONE:
-            lost = bool(self._checkpoints) and event < self._checkpoints[0].event
-            return len(self._events), not lost and event not in self._events[bisect_left(self._events, event) :][:1]
-        for i, other in enumerate(self._events):
-            if other.kind == at.IS_DROP and other.data == event.data:
-                if other.time >= event.time:
-                    return len(self._events), False
-                del self._events[i]
-                return i, True
-        return len(self._events), True
+            place = events.place(event)
+            lost = self.trimmed and place == 0
+            known = place < count and events.time[place] == event.time and events.kind[place] == at.IS_CLONE
+            return count, not lost and not known
+        same = np.flatnonzero((events.kind[:count] == at.IS_DROP) & (events.rows[:count, 0] == event.data[0]))
+        for i in same:
+            if events.time[i] >= event.time:
+                return count, False
+            self._rewind(int(i))
+            events.delete(same[:1])
+            return int(i), True
+        return count, True
 
     def _rewind(self, place: int) -> None:
-        """Go back to the checkpoint before the event at `place`, or to the oldest there is."""
-        target = self._events[place] if place < len(self._events) else None
-        while len(self._checkpoints) > 1 and (target is not None and not self._checkpoints[-1].event < target):
-            self._checkpoints.pop()
-        if not self._checkpoints:
+        """Go back to the last checkpoint not behind the event at `place`, or to the oldest there is."""
+        while len(self.checkpoints) > 1 and self.checkpoints[-1].place > place:
+            self.checkpoints.pop()
+        if not self.checkpoints or place >= self.done:
             return
-        self.state[:] = self._checkpoints[-1].state
-        self._done = bisect_left(self._events, self._checkpoints[-1].event)
+        self.state[:] = self.checkpoints[-1].state
+        self.done = self.checkpoints[-1].place
 
     def _process(self) -> None:
         """Consume the events that inputs cover, in runs between checkpoints, and forget what has left the window."""
+        events = self.events
         covered = self.inputs.covered if self.inputs is not None else np.inf
-        ready = bisect_right(self._events, covered, key=lambda event: event.time)
-        while self._done < ready:
-            if not self._checkpoints or self._done - self._place(self._checkpoints[-1]) >= CHECKPOINT_EVERY:
-                before = self._events[self._done] if self._checkpoints else Event(-np.inf, 0, 0)  # the first: before all that may come late
-                self._checkpoints.append(Checkpoint(before, self.state.copy()))
-            last = min(ready, self._done + CHECKPOINT_EVERY)
-            self._consume_live(self._events[self._done : last])
-            self._done = last
+        ready = int(np.searchsorted(events.time[: len(events)], covered, side="right"))
+        while self.done < ready:
+            if not self.checkpoints or self.done - self.checkpoints[-1].place >= CHECKPOINT_EVERY:
+                self.checkpoints.append(Checkpoint(self.done, self.state.copy()))
+            last = min(ready, self.checkpoints[-1].place + CHECKPOINT_EVERY)
+            self._consume(self.done, last)
+            self.done = last
         self._forget()
 
-    def _place(self, checkpoint: Checkpoint) -> int:
-        return bisect_left(self._events, checkpoint.event)
-
-    def _consume_live(self, events: list[Event]) -> None:
-        stream = of_list(events)
-        results = self.run(stream)
+    def _consume(self, first: int, last: int) -> None:
+        events = self.events
+        events.outcome[first:last] = -1
+        events.result[first:last] = np.nan
+        self.runner.run(self.state, events, Results(events.outcome, events.result, self.outputs), first, last)  # type: ignore[arg-type]
         found: dict[tuple[str, int], int] = {}
-        for event, index in zip(events, stream.index, strict=True):
-            if event.kind >= 0:  # a row of several channels counts as used if any of them was
-                key, outcome = (event.sensor, event.row), int(results.outcome[index])
-                found[key] = min(found.get(key, outcome), outcome)
+        for i in np.flatnonzero(events.kind[first:last] >= 0).tolist():  # a row of several channels counts as used if any of them was
+            key, outcome = (events.name(first + i), int(events.row[first + i])), int(events.outcome[first + i])
+            found[key] = min(found.get(key, outcome), outcome)
         self.outcomes |= found
 
     def _forget(self) -> None:
         """Drop events and checkpoints that no row inside the window can need."""
-        while len(self._checkpoints) > 1 and self._checkpoints[1].event.time < self.time - self.window:
-            self._checkpoints.pop(0)
-            cut = self._place(self._checkpoints[0])
-            del self._events[:cut]
-            self._done -= cut
+        oldest, cut = self.time - self.window, 0
+        while len(self.checkpoints) > 1 and self.events.time[self.checkpoints[1].place] < oldest:
+            cut = self.checkpoints[1].place
+            self.checkpoints.pop(0)
+        if cut:
+            self._finish(cut)
+
+    def _finish(self, cut: int) -> None:
+        """The first `cut` events are final."""
+        events = self.events
+        if self.on_final is not None:
+            self.on_final(events, cut)
+        final = [(events.name(i), int(events.row[i])) for i in np.flatnonzero(events.kind[:cut] >= 0).tolist()]
+        while self.turned_away and self.turned_away[0][0] < self.time - self.window:
+            final.append(self.turned_away.popleft()[1])
+        for key in final:
+            outcome = self.outcomes.pop(key, None)
+            if outcome is not None:
+                self.counts[key[0]][Outcome(outcome).name.lower()] += 1
+        events.forget(cut)
+        self.done, self.trimmed = self.done - cut, True
+        for checkpoint in self.checkpoints:
+            checkpoint.place -= cut
+
+    def flush(self) -> None:
+        """Make all that has been consumed final: no row comes any more."""
+        self._finish(self.done)
+        self.checkpoints.clear()
 
     def estimate(self, time: float | None = None) -> Solution:
         """Return the estimate at a time not before the state's, as a Solution of one row; the state stays as it is."""
@@ -245,8 +260,9 @@ class Navigator:
         moment = self.time if time is None else time
         if moment < self.time:
             raise InputError("navigator", f"cannot say what was at {moment} s", f"it stands at {self.time} s")
-        events = of_list([Event(moment, RANK[at.IS_OUTPUT], at.IS_OUTPUT)])
-        return np.asarray(self.run(events, outputs=1).output[0])
+        work, c, out = self.runner.workspace, self.composition, np.zeros(output_size(self.composition.layout))
+        loop.put_out(c.plan, c.params, self.state, moment, 0, work.scratch, work.V[0], work.work, work.points, work.tape[:0], out)
+        return out
 
 
 def _numbered(batch: Batch, first: int) -> list[Event]:

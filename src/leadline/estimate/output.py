@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,18 +27,22 @@ EMPTY = Innovations(*(np.zeros(0, kind) for kind in ("U1", int, int, float, floa
 
 @dataclass(frozen=True)
 class Reference:
-    """What estimates are expressed against: the moment of time zero, the origin of north and east, and the sensors' context."""
+    """What estimates are expressed against: the moment of time zero, the origin of north and east, the sensors' context, and of what.
+
+    point_b: the point whose states are told, counted from the body origin (m).
+    """
 
     epoch: datetime
     origin: Origin
     context: Context
+    point_b: Array = field(default_factory=lambda: np.zeros(3))
 
 
 def solution_of(reference: Reference, composition: Composition, time: Array, output: Array) -> Solution:
     """Make a Solution, without innovations yet, of outputs (n, size) at `time` (n,); where they are no numbers the status is LOST."""
     origin, context, output = reference.origin, reference.context, output[: len(time)]
     view = output[:, at.OUT_VIEW : at.OUT_VIEW + VIEW_SIZE]
-    lever_b = -context.reference_b  # from the reference point to the body origin
+    lever_b = reference.point_b - context.reference_b  # from the process model's reference point to the one asked for
     with np.errstate(invalid="ignore", over="ignore"):
         point = shifted(view, unpacked(output[:, at.OUT_COV : at.OUT_X]), lever_b)
     lost = ~np.isfinite(output).all(axis=1)
@@ -60,6 +64,26 @@ def solution_of(reference: Reference, composition: Composition, time: Array, out
         innovations=EMPTY,
         nuisances=estimates(composition, output),
     )
+
+
+def joined(parts: list[Solution]) -> Solution:
+    """Put solutions of stretches that follow each other together; innovations and summary are those of the first."""
+    whole = parts[0]
+    if len(parts) == 1:
+        return whole
+    columns: dict[str, Any] = {
+        item.name: [getattr(p, item.name) for p in parts] for item in fields(whole) if isinstance(getattr(whole, item.name), np.ndarray)
+    }
+    nuisances = {
+        name: replace(
+            estimate,
+            value=np.concatenate([p.nuisances[name].value for p in parts]),
+            sigma=np.concatenate([p.nuisances[name].sigma for p in parts]),
+        )
+        for name, estimate in whole.nuisances.items()
+    }
+    arrays: dict[str, Any] = {name: np.concatenate(values) for name, values in columns.items()}
+    return replace(whole, **arrays, nuisances=nuisances)
 
 
 def unpacked(packed: Array) -> Array:

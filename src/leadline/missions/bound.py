@@ -19,8 +19,9 @@ from leadline.core.geodesy import rotation_en
 from leadline.data.errors import InputError
 from leadline.data.log import Datum, Log, Origin
 from leadline.estimate import plan as at
+from leadline.estimate.assembly import navigator_for
 from leadline.estimate.output import shifted
-from leadline.estimate.solve import navigator_for, stream_of
+from leadline.estimate.stream import stream_of
 from leadline.models.layout import INPUTS
 from leadline.models.view import RATE_T, RATE_VARIANCE_V, TANGENT, VIEW_SIZE
 from leadline.simulate.dive import StartSigmas, initial
@@ -123,7 +124,7 @@ class Walk:
         """Yield for each output the steps of the recursion since the output before, and the view at it."""
         steps: list[Step] = []
         for e in range(len(events)):
-            kind, row = int(events.kind[e]), events.data[events.start[e] : events.start[e + 1]]
+            kind, row = int(events.kind[e]), events.data[events.start[e] : events.stop[e]]
             self._advance(float(events.time[e]))
             if kind == at.IS_INPUT:
                 self.u[: len(row)] = row

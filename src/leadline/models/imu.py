@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from leadline.data.records import Array, Imu
     from leadline.data.vehicle import SensorConfig
 
-INPUT_SIZE = 9  # rate 3, force 3, present, interval, number of the unit
-# What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity.
-TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, MEMORY = 0, 1, 2, 5, 8, 11, 14
+RATE_I, FORCE_I, PRESENT_I, INTERVAL_I, INPUT_SIZE = 0, 3, 6, 7, 9  # rate 3, force 3, present, interval, number of the unit
+# What is remembered of the row before: time, usual interval, rate, force, increments of angle and velocity, rate of the input.
+TIME_M, NOMINAL_M, RATE_M, FORCE_M, ANGLE_M, VELOCITY_M, TURNING_M, MEMORY = 0, 1, 2, 5, 8, 11, 14, 17
 USED, INVALID, DUPLICATE = int(Outcome.USED), int(Outcome.INVALID), int(Outcome.DUPLICATE)
 NO_INTERVAL = np.zeros(0)
 
@@ -126,6 +126,7 @@ class InputStream:
     name: str = "imu"  # of the sensor
     nominal: float = np.nan  # the usual interval (s); nan until it is known
     latency: float = 0.0
+    arm_b: Array = field(default_factory=lambda: np.zeros(3))  # from the process model's reference point (m)
     memory: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -133,11 +134,15 @@ class InputStream:
         self.memory = nothing_before(self.nominal)
 
     @classmethod
-    def of(cls, config: SensorConfig) -> InputStream:
-        """Return the stream of a configured IMU; without a stated rate a gap is a quarter of a second."""
+    def of(cls, config: SensorConfig, arm_b: Array | None = None) -> InputStream:
+        """Return the stream of a configured IMU; without a stated rate a gap is a quarter of a second.
+
+        arm_b: where it is, counted from the process model's reference point; the forces are brought there.
+        """
         rate = config.values.get("rate")
         gap = config.values.get("gap") or (2.5 / rate if rate else 0.25)
-        return cls(np.ascontiguousarray(config.rotation_bs, float), gap, config.name, 1.0 / rate if rate else np.nan, config.latency)
+        arm = np.zeros(3) if arm_b is None else np.asarray(arm_b, float)
+        return cls(np.ascontiguousarray(config.rotation_bs, float), gap, config.name, 1.0 / rate if rate else np.nan, config.latency, arm)
 
     @property
     def covered(self) -> float:
@@ -158,7 +163,25 @@ class InputStream:
         time = table.time - self.latency
         instant = table.accel is not None and table.sample == "instant"
         made = condition(time, rates, forces, interval, instant, self.rotation_bs, self.gap, self.memory, start, data, outcome)
+        if self.arm_b.any():
+            self._move(data[:made])
         return start[:made], data[:made], outcome
+
+    def _move(self, data: Array) -> None:
+        """Bring forces from the unit's place to the reference point, in place: f - w' x l - w x (w x l).
+
+        w' is the difference from the input before over the interval: half an interval late, but its integral is exact.
+        """
+        before = self.memory[TURNING_M : TURNING_M + 3]
+        rate = data[:, RATE_I : RATE_I + 3]
+        known = np.concatenate([before[None], rate[:-1]]) if len(rate) else rate
+        follows = (data[:, PRESENT_I] != 0.0) & np.isfinite(known).all(axis=1)
+        step = np.where(data[:, INTERVAL_I] > 0.0, data[:, INTERVAL_I], 1.0)[:, None]
+        turning = np.where(follows[:, None], (rate - known) / step, 0.0)
+        pull = np.cross(turning, self.arm_b) + np.cross(rate, np.cross(rate, self.arm_b))
+        data[:, FORCE_I : FORCE_I + 3] -= np.where(data[:, PRESENT_I, None] != 0.0, pull, 0.0)
+        if len(rate):
+            self.memory[TURNING_M : TURNING_M + 3] = rate[-1]
 
 
 def rates_of(table: Imu) -> tuple[Array, Array, Array]:

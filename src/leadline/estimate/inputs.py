@@ -1,0 +1,132 @@
+"""The inputs of the process model: rows of an inertial unit, and of the unit that stands in for it while it is silent.
+
+Inputs come from the first unit as long as its rows follow each other within its gap.  A longer silence is filled by the second unit's
+inputs, from the moment at which the first one's end to the moment at which they begin again; without a second unit it is a gap.  The
+rule asks for nothing but times, so live and offline give the same inputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from leadline.data.outcome import Outcome
+from leadline.models.imu import INPUT_SIZE, InputStream
+from leadline.models.inertial import DEVICE_U, PRESENT_U
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from leadline.data.records import Array, Imu
+    from leadline.data.vehicle import SensorConfig
+
+FIRST, SECOND = 0, 1
+
+
+class Pushed(NamedTuple):
+    """What rows gave: start times (k,), inputs (k, INPUT_SIZE), the outcome of each row, and from when on earlier inputs are withdrawn."""
+
+    time: Array
+    data: Array
+    outcome: npt.NDArray[np.int64]
+    withdrawn: float = np.inf
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch without the first unit: filled by the second (`standby`), or not (`gap`)."""
+
+    kind: str
+    sensor: str
+    start: float
+    end: float
+
+
+@dataclass
+class Inputs:
+    """Turns rows of one or two inertial units into inputs, in order of time; it remembers, so that one row at a time gives the same."""
+
+    first: InputStream
+    second: InputStream | None = None
+    time: Array = field(default_factory=lambda: np.zeros(0))  # of the second unit's inputs that may still be wanted
+    data: Array = field(default_factory=lambda: np.zeros((0, INPUT_SIZE)))
+    handed: float = -np.inf  # up to when the second unit's inputs have been handed out
+
+    @classmethod
+    def of(cls, imu: SensorConfig, standby: SensorConfig | None) -> Inputs:
+        """Return the inputs of configured units."""
+        first = InputStream.of(imu)
+        return cls(first, None if standby is None else InputStream.of(standby, standby.lever_arm_b - imu.lever_arm_b))
+
+    def is_mine(self, name: str) -> bool:
+        """Tell whether rows of a sensor are inputs."""
+        return name == self.first.name or (self.second is not None and name == self.second.name)
+
+    @property
+    def covered(self) -> float:
+        """The time up to which inputs are known."""
+        if self.second is None or self.second.covered <= self.first.covered + self.first.gap:
+            return self.first.covered
+        return self.second.covered
+
+    def push(self, name: str, table: Imu) -> Pushed:
+        """Take in rows of one of the units, in order of time."""
+        return self._push_first(table) if name == self.first.name else self._push_second(table)
+
+    def _push_first(self, table: Imu) -> Pushed:
+        time, data, outcome = self.first.push(table)
+        if self.second is None:
+            return Pushed(time, data, outcome)
+        absent = np.flatnonzero(data[:, PRESENT_U] == 0.0)
+        pieces, last = [], 0
+        for i in absent:
+            pieces.append((time[last:i], data[last:i]))
+            pieces.append(self.fill(float(time[i]), float(time[i + 1])))
+            last = int(i) + 1
+        pieces.append((time[last:], data[last:]))
+        withdrawn = float(time[absent[0]]) if len(absent) and self.handed > time[absent[0]] else np.inf
+        self.handed = self.first.covered
+        kept = max(0, int(np.searchsorted(self.time, self.first.covered - 1.0)) - 1)
+        self.time, self.data = self.time[kept:], self.data[kept:]
+        return Pushed(np.concatenate([t for t, _ in pieces]), np.concatenate([d for _, d in pieces]), outcome, withdrawn)
+
+    def _push_second(self, table: Imu) -> Pushed:
+        assert self.second is not None
+        time, data, outcome = self.second.push(table)
+        data[:, DEVICE_U] = SECOND
+        self.time, self.data = np.concatenate([self.time, time]), np.concatenate([self.data, data])
+        if np.isinf(self.first.covered) or self.second.covered <= self.first.covered + self.first.gap:
+            outcome[outcome == Outcome.USED] = Outcome.STANDBY
+            return Pushed(np.zeros(0), np.zeros((0, INPUT_SIZE)), outcome)
+        fresh, rows = self.fill(self.first.covered, self.second.covered)
+        keep = fresh > self.handed if self.handed > self.first.covered else np.ones(len(fresh), bool)
+        self.handed = max(float(fresh[-1]), self.first.covered + 1e-9) if len(fresh) else self.handed
+        return Pushed(fresh[keep], rows[keep], outcome)
+
+    def fill(self, start: float, end: float) -> tuple[Array, Array]:
+        """Return the second unit's inputs that act from `start` to `end`, with an absence where it is silent as well."""
+        assert self.second is not None
+        inside = (self.time > start) & (self.time < end)
+        time, data = self.time[inside], self.data[inside]
+        before = int(np.searchsorted(self.time, start, side="right")) - 1
+        absent = np.zeros((1, INPUT_SIZE))
+        head = self.data[before : before + 1] if before >= 0 and self.second.covered > start else absent
+        time, data = np.concatenate([[start], time]), np.concatenate([head, data])
+        if start < self.second.covered < end:
+            time, data = np.concatenate([time, [self.second.covered]]), np.concatenate([data, absent])
+        return time, data
+
+
+def spans_of(time: Array, data: Array, covered: float, units: tuple[str, str | None]) -> tuple[Span, ...]:
+    """Return the stretches without the first unit, of inputs (k, INPUT_SIZE) at ascending times (k,) that reach up to `covered`."""
+    kind = np.where(data[:, PRESENT_U] == 0.0, 2, np.where(data[:, DEVICE_U] == SECOND, 1, 0))
+    edges = np.flatnonzero(np.diff(kind, prepend=0, append=0))
+    bounds = np.concatenate([time, [covered]])
+    found = []
+    for a, b in zip(edges, [*edges[1:], len(time)], strict=True):
+        if a < len(time) and kind[a]:
+            sensor = units[1] if kind[a] == 1 else units[0]
+            found.append(Span("standby" if kind[a] == 1 else "gap", sensor or units[0], float(bounds[a]), float(bounds[b])))
+    return tuple(found)

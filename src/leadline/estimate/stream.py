@@ -1,0 +1,177 @@
+"""The stream of a log: its rows as events in order of time, handed on in stretches so that a day fits into memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from leadline.data.errors import InputError
+from leadline.data.outcome import Outcome
+from leadline.data.records import Imu
+from leadline.estimate import plan as at
+from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered
+from leadline.estimate.inputs import Inputs, Span, spans_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from leadline.data.log import Log
+    from leadline.data.records import Array
+    from leadline.data.vehicle import Vehicle
+    from leadline.estimate.events import Events, Integers
+    from leadline.estimate.navigator import Navigator
+
+DEFAULT_RATE = 10.0
+MOST_STATES = 3_000_000
+STRETCH = 60.0  # s of events that are put in order at a time
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The events of a log by kind, each in order of time, and for each table the outcome of the rows that gave none (USED: it gave some).
+
+    times: of the outputs.  spans: where the first inertial unit was silent.
+    """
+
+    batches: Sequence[Batch]
+    outcome: Mapping[str, Integers]
+    times: Array
+    start: float
+    end: float
+    spans: tuple[Span, ...] = ()
+
+    @cached_property
+    def events(self) -> Events:
+        """All events at once."""
+        return ordered(self.batches)
+
+    @property
+    def edges(self) -> Array:
+        """The moments (s) at which one stretch ends and the next begins."""
+        count = max(1, int(np.ceil((self.end - self.start) / STRETCH)))
+        inner = self.start + STRETCH * np.arange(1, count)
+        return np.concatenate([[-np.inf], inner, [np.inf]])
+
+    def stretch(self, first: float, last: float) -> Events:
+        """Return the events at first <= time < last; their measurements and outputs are numbered from zero."""
+        found = []
+        for batch in self.batches:
+            a, b = np.searchsorted(batch.time, [first, last], side="left")
+            if b > a:
+                found.append(replace(batch, time=batch.time[a:b], data=batch.data[a:b], row=batch.row[a:b]))
+        return ordered(found)
+
+    def __iter__(self) -> Iterator[Events]:
+        """Iterate over the stretches."""
+        return (self.stretch(a, b) for a, b in pairwise(self.edges))
+
+
+def stream_of(
+    log: Log, vehicle: Vehicle, navigator: Navigator, *, rate: float = DEFAULT_RATE, times: Array | None = None, end: float | None = None
+) -> Stream:
+    """Build the stream of a log for a navigator at its start.
+
+    Raises InputError where the log has no input that covers the run, and where a moment lies outside it.
+    """
+    start = navigator.start
+    when, data, outcome, covered = inputs_of(log, vehicle)
+    if end is not None and end > covered:
+        raise InputError("end", f"{end} s lies after the last inertial row", f"at most {covered} s")
+    last = covered if end is None else end
+    if last <= start:
+        where = f"{log.path or log.name}: [initial] time_s"
+        raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
+    inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start) - 1)
+    spans = spans_of(when[inside], data[inside], last, (vehicle.process.imu, vehicle.process.standby))
+    batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
+    for sensor in navigator.composition.sensors:
+        name = sensor.config.name
+        screen, slot = Screen(sensor.config.repeats, sensor.config.latency), navigator.composition.first_slot[name]
+        found, outcome[name] = measurements(sensor, slot, log[name], screen, start, last)
+        batches += found
+    moments = output_times(start, last, rate) if times is None else np.sort(np.asarray(times, float))
+    if not len(moments) or not (moments[0] >= start and moments[-1] <= last):
+        found_times = f"{moments[0]} to {moments[-1]} s" if len(moments) else "none"
+        raise InputError("times", found_times, f"the run is from {start} to {last} s")
+    batches.append(Batch(at.IS_OUTPUT, moments, np.zeros((len(moments), 0))))
+    return Stream([_sorted(batch) for batch in agreed(batches)], outcome, moments, start, last, spans)
+
+
+def _sorted(batch: Batch) -> Batch:
+    """A batch in order of time."""
+    if not len(batch.time) or (np.diff(batch.time) >= 0.0).all():
+        return batch
+    order = np.argsort(batch.time, kind="stable")
+    row = batch.row[order] if len(batch.row) else batch.row
+    return replace(batch, time=batch.time[order], data=batch.data[order], row=row)
+
+
+def inputs_of(log: Log, vehicle: Vehicle) -> tuple[Array, Array, dict[str, Integers], float]:
+    """Return start times and inputs of the inertial units, the outcome of each of their rows, and the time up to which they reach.
+
+    A last row beyond a gap has no neighbour to confirm its time: it is invalid, or one wrong stamp would lead the run astray.
+    """
+    imu, standby = vehicle[vehicle.process.imu], vehicle.process.standby
+    inputs = Inputs.of(imu, None if standby is None else vehicle[standby])
+    outcome: dict[str, Integers] = {}
+    if standby is not None and standby in log.tables:
+        table, order, covered = _imu_rows(log, standby, vehicle[standby].latency, inputs.second.gap if inputs.second else np.inf)
+        outcome[standby] = np.full(len(log[standby]), int(Outcome.INVALID))
+        outcome[standby][order] = inputs.push(standby, table).outcome
+    table, order, covered = _imu_rows(log, imu.name, imu.latency, inputs.first.gap)
+    pushed = inputs.push(imu.name, table)
+    outcome[imu.name] = np.full(len(log[imu.name]), int(Outcome.INVALID))
+    outcome[imu.name][order] = pushed.outcome
+    time, data = pushed.time, pushed.data
+    if inputs.second is not None and inputs.covered > inputs.first.covered:  # the first unit fell silent for good
+        more, rows = inputs.fill(inputs.first.covered, inputs.second.covered)
+        time, data = np.concatenate([time, more]), np.concatenate([data, rows])
+    covered = inputs.covered
+    if not len(time) or np.isinf(covered):
+        raise InputError(f"{log.path or log.name}: {imu.name}", "gives no interval to navigate over", "at least two valid rows")
+    if standby is not None and standby in outcome:
+        spans = spans_of(time, data, covered, (imu.name, standby))
+        stamps = log[standby].time - vehicle[standby].latency
+        taken = np.zeros(len(stamps), bool)
+        for span in spans:
+            if span.kind == "standby":
+                taken |= (stamps > span.start) & (stamps <= span.end)
+        used = np.isin(outcome[standby], (Outcome.USED, Outcome.STANDBY))
+        outcome[standby][used] = np.where(taken[used], int(Outcome.USED), int(Outcome.STANDBY))
+    return time, data, outcome, covered
+
+
+def _imu_rows(log: Log, name: str, latency: float, gap: float) -> tuple[Imu, Integers, float]:
+    """The rows of an inertial unit in order of time without a last one that stands alone beyond a gap; their places; the last time."""
+    table = log[name]
+    where = f"{log.path or log.name}: {name}"
+    if not isinstance(table, Imu):
+        raise InputError(where, f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
+    order = np.argsort(table.time, kind="stable")
+    values = [v for v in (table.gyro, table.accel, table.delta_angle, table.delta_velocity, table.interval) if v is not None]
+    good = np.isfinite(table.time) & np.logical_and.reduce([np.isfinite(v.reshape(len(table), -1)).all(axis=1) for v in values])
+    if table.valid is not None:
+        good &= np.nan_to_num(table.valid) != 0
+    known = order[good[order]]
+    if len(known) < 2:
+        raise InputError(where, "gives no interval to navigate over", "at least two valid rows")
+    time = table.time[known]
+    if len(known) > 2 and time[-1] - time[-2] > gap:
+        order, time = order[order != known[-1]], time[:-1]
+    chosen = table if (np.diff(table.time) >= 0.0).all() and len(order) == len(table) else table.select(order)
+    return chosen, order, float(time[-1]) - latency  # type: ignore[return-value]
+
+
+def output_times(start: float, last: float, rate: float) -> Array:
+    """Return the multiples of the output interval inside the run, and both ends."""
+    if not 0.0 < rate < np.inf:
+        raise InputError("rate", f"{rate} Hz", "give a positive number of states per second")
+    if (last - start) * rate > MOST_STATES:
+        found = f"{rate} Hz from {start} to {last} s gives {(last - start) * rate:.0f} states"
+        raise InputError("rate", found, f"at most {MOST_STATES}: is time_s in seconds? or ask for fewer")
+    first, final = int(np.ceil(start * rate - 1e-9)), int(np.floor(last * rate + 1e-9))
+    return np.unique(np.clip(np.concatenate([[start], np.arange(first, final + 1) / rate, [last]]), start, last))
