@@ -122,11 +122,11 @@ class Inputs:
 def spans_of(time: Array, data: Array, covered: float, units: tuple[str, str | None]) -> tuple[Span, ...]:
     """Return the stretches without the first unit, of inputs (k, INPUT_SIZE) at ascending times (k,) that reach up to `covered`."""
     kind = np.where(data[:, PRESENT_U] == 0.0, 2, np.where(data[:, DEVICE_U] == SECOND, 1, 0))
-    edges = np.flatnonzero(np.diff(kind, prepend=0, append=0))
+    edges = np.flatnonzero(np.diff(kind, prepend=-1))  # where runs begin
     bounds = np.concatenate([time, [covered]])
     found = []
     for a, b in zip(edges, [*edges[1:], len(time)], strict=True):
-        if a < len(time) and kind[a]:
+        if kind[a]:
             sensor = units[1] if kind[a] == 1 else units[0]
             found.append(Span("standby" if kind[a] == 1 else "gap", sensor or units[0], float(bounds[a]), float(bounds[b])))
     return tuple(found)
