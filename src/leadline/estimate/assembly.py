@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from leadline.core import attitude, geodesy
 from leadline.data.errors import InputError, suggestion
 from leadline.data.records import Imu
 from leadline.estimate import kalman
+from leadline.estimate.alignment import aligned
 from leadline.estimate.composition import Composition, room_for_clones
 from leadline.estimate.inputs import Inputs
 from leadline.estimate.navigator import Navigator
@@ -33,7 +35,11 @@ ESTIMATORS: Mapping[str, Any] = {"ekf": kalman}
 
 
 def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window: float = 30.0) -> tuple[Navigator, Start, Context]:
-    """Return a navigator at the start of a log, that start, and the context of the sensors."""
+    """Return a navigator at the start of a log, that start, and the context of the sensors.
+
+    Where neither the log's [initial] nor a sensor has a heading, the first minutes of the log must determine it.  Raises InputError for
+    what cannot be run.
+    """
     if estimator not in ESTIMATORS:
         raise InputError("estimator", f"'{estimator}' is not known", suggestion(estimator, ESTIMATORS))
     if vehicle.process.model != "inertial":
@@ -46,12 +52,17 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     if clones is None:
         clones = min(MOST_CLONES, room_for_clones(process, sensors), _clones_needed(sensors, log))
     composition = Composition(process, sensors, ESTIMATORS[estimator], clones)
-    start = start_of(log, vehicle, context, sensors)
-    state = composition.layout.start(start.time, *_initial(start, vehicle, log))
-    reference = Reference(log.epoch, origin_of(log, start), context)
     unmodelled = frozenset(vehicle.sensors) - {s.config.name for s in sensors} - {vehicle.process.imu, vehicle.process.standby}
-    inputs = Inputs.of(imu, standby_of(vehicle))
-    return Navigator(composition, state, inputs, window, reference, unmodelled), start, context
+
+    def begin(start: Start) -> Navigator:
+        state = composition.layout.start(start.time, *_initial(start, vehicle, log))
+        reference = Reference(log.epoch, origin_of(log, start), context)
+        return Navigator(composition, state, Inputs.of(imu, standby_of(vehicle)), window, reference, unmodelled)
+
+    start = start_of(log, vehicle, context, sensors)
+    if np.isinf(start.sigma_heading):
+        start = replace(aligned(log, vehicle, start, begin), aligning=True)
+    return begin(start), start, context
 
 
 def _clones_needed(sensors: tuple[Sensor, ...], log: Log) -> int:

@@ -15,6 +15,7 @@ from leadline.data.solution import Status
 from leadline.data.vehicle import Vehicle
 from leadline.estimate import plan as at
 from leadline.estimate.account import innovations_of, looked_at, summary_of
+from leadline.estimate.alignment import still_aligning
 from leadline.estimate.assembly import navigator_for
 from leadline.estimate.output import joined, solution_of
 from leadline.estimate.run import Results
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from leadline.data.solution import Innovations, Solution
     from leadline.estimate.events import Events, Integers
     from leadline.estimate.navigator import Navigator
+    from leadline.estimate.start import Start
 
 AIDED_FOR = 10.0  # s
 ROUNDS = 3  # of deciding anew which rows to believe
@@ -80,7 +82,7 @@ def solve(
     for value, kind, right in ((log, Log, "leadline.read_log(path)"), (vehicle, Vehicle, "leadline.read_vehicle(path)")):
         if not isinstance(value, kind):
             raise InputError("solve", f"was given a {type(value).__name__} for the {kind.__name__.lower()}", f"give {right}")
-    navigator, _, _ = navigator_for(log, vehicle, estimator=estimator)
+    navigator, begun, _ = navigator_for(log, vehicle, estimator=estimator)
     _look_at(navigator, vehicle, at)
     stream = stream_of(log, vehicle, navigator, rate=rate, times=times, end=end)
     told = progress or (lambda _: None)
@@ -90,7 +92,7 @@ def solve(
         passage, found = _forward(navigator, stream, None, told), {}
     solution = joined(passage.parts)
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
-    status = np.maximum(solution.status, status_of(navigator.start, stream.times, np.concatenate(passage.bounded)))
+    status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
     summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream)}
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
@@ -192,11 +194,17 @@ def decided(navigator: Navigator, events: Events, outcome: Integers, others: Arr
     )
 
 
-def status_of(start: float, times: Array, bounded: Array) -> Integers:
-    """Aided while something that bounds the drift has been used within `AIDED_FOR`, else dead reckoning (n,)."""
-    last = np.concatenate([[start], bounded])
-    since = times - last[np.maximum(np.searchsorted(last, times, side="right") - 1, 0)]
-    return np.where(since <= AIDED_FOR, int(Status.AIDED), int(Status.DEAD_RECKONING))
+def status_of(start: Start, vehicle: Vehicle, solution: Solution, bounded: Array) -> Integers:
+    """Return the status (n,) of each state: lost, aligning, aided while what bounds the drift was used within `AIDED_FOR`, or not.
+
+    bounded: when such was used (s).
+    """
+    last = np.concatenate([[start.time], bounded])
+    since = solution.time - last[np.maximum(np.searchsorted(last, solution.time, side="right") - 1, 0)]
+    status = np.where(since <= AIDED_FOR, int(Status.AIDED), int(Status.DEAD_RECKONING))
+    if start.aligning:
+        status[still_aligning(solution.sigma[:, 8], vehicle.process.aligned_sigma_heading)] = int(Status.ALIGNING)
+    return np.where(solution.status == Status.LOST, int(Status.LOST), status)
 
 
 def inertial_spans(stream: Stream) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """The start of a run: what the log's [initial] says, filled up from the first usable rows of the sensors.
 
-Position comes from [initial], else the first satellite or position fix; heading from the first attitude or heading; roll and pitch
-from the first attitude, else by levelling; depth from the first depth; velocity from [initial], else rest within 2 m/s.  Mountings,
-declination and lever arms are those of the sensor models.  A row that serves here and later as a measurement counts once and a
-quarter: its sigma is doubled here.
+Position comes from [initial], else the first satellite or position fix; heading from the first attitude or heading, and without any it is
+left to alignment; roll and pitch from the first attitude, else by levelling; depth from the first depth; velocity from [initial], else
+the first ping of a Doppler log or rest, within 2 m/s.  Mountings, declination and lever arms are those of the sensor models.  A row that
+serves here and later as a measurement counts once and a quarter: its sigma is doubled here.
 """
 
 from __future__ import annotations
@@ -29,12 +29,16 @@ if TYPE_CHECKING:
     from leadline.models.sensor import Context, Sensor
 
 SIGMA_POSITION, SIGMA_DEPTH, SIGMA_VELOCITY = 10.0, 1.0, 2.0
+SOON = 2.0  # s
 SIGMA_TILT, SIGMA_LEVELLED, SIGMA_UNKNOWN_TILT, SIGMA_HEADING = 0.02, 0.05, 0.2, 0.05
 
 
 @dataclass(frozen=True)
 class Start:
-    """Pose and velocity of the body origin at a time, north-east-down, with sigmas: SI and radians."""
+    """Pose and velocity of the body origin at a time, north-east-down, with sigmas: SI and radians.
+
+    An infinite sigma of heading: it is not known, and has to be found (estimate/alignment.py).
+    """
 
     time: float
     latitude: float
@@ -47,6 +51,8 @@ class Start:
     sigma_velocity: float
     sigma_tilt: float
     sigma_heading: float
+    velocity_known: bool = True  # or but a place to linearise at, that turns with the heading
+    aligning: bool = False  # whether the run began without a heading
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,7 @@ class Source:
 
 
 def start_of(log: Log, vehicle: Vehicle, context: Context, sensors: tuple[Sensor, ...]) -> Start:
-    """Return the start of a log; raises InputError where time, position or heading cannot be had."""
+    """Return the start of a log; raises InputError where time or position cannot be had."""
     source, initial = Source(log, vehicle, context, sensors), log.initial
     time = _time(source)
     roll, pitch, sigma_tilt = _tilt(source, time)
@@ -86,7 +92,8 @@ def start_of(log: Log, vehicle: Vehicle, context: Context, sensors: tuple[Sensor
     quaternion = attitude.quaternion_from_euler(roll, pitch, heading)
     depth, sigma_depth = _depth(source, time, quaternion)
     latitude, longitude, sigma_position = _position(source, time, quaternion)
-    velocity = np.array([initial.velocity_north or 0.0, initial.velocity_east or 0.0, initial.velocity_down or 0.0])
+    velocity = _velocity(source, time, quaternion)
+    velocity_known = initial.velocity_north is not None
     return Start(
         time,
         latitude,
@@ -96,9 +103,10 @@ def start_of(log: Log, vehicle: Vehicle, context: Context, sensors: tuple[Sensor
         quaternion,
         _given(initial.sigma_position, sigma_position),
         _given(initial.sigma_depth, sigma_depth),
-        _given(initial.sigma_velocity, SIGMA_VELOCITY if initial.velocity_north is None else 0.1),
+        _given(initial.sigma_velocity, 0.1 if velocity_known else SIGMA_VELOCITY),
         _given(initial.sigma_tilt, sigma_tilt),
-        _given(initial.sigma_heading, sigma_heading),
+        sigma_heading if np.isinf(sigma_heading) else _given(initial.sigma_heading, sigma_heading),
+        velocity_known,
     )
 
 
@@ -152,9 +160,7 @@ def _heading(source: Source, time: float) -> tuple[float, float]:
         return float(attitude.euler_from_quaternion(measured_quaternion(*found)[0])[2]), 2.0 * found[0].value("sigma")
     if found := source.first("heading", "heading", time):
         return float(true_heading(*found)[0]), 2.0 * found[0].value("sigma")
-    raise InputError(
-        source.where, "says no heading, and no heading or attitude sensor that the vehicle file names has one", "add heading_deg"
-    )
+    return 0.0, np.inf
 
 
 def _depth(source: Source, time: float, quaternion: Array) -> tuple[float, float]:
@@ -166,6 +172,28 @@ def _depth(source: Source, time: float, quaternion: Array) -> tuple[float, float
         lever = attitude.matrix_from_quaternion(quaternion) @ config.lever_arm_b
         return float(row.depth[0] - lever[2]), max(2.0 * config.value("sigma"), 0.1)
     return 0.0, SIGMA_DEPTH
+
+
+def _velocity(source: Source, time: float, quaternion: Array) -> Array:
+    """As given, else by the first ping of a Doppler log within `SOON` (its levers apart), else rest.
+
+    A ping only says where to linearise: the sigma stays that of not knowing, and the ping is used as a measurement in its turn.
+    """
+    initial = source.log.initial
+    if initial.velocity_north is not None or initial.velocity_east is not None or initial.velocity_down is not None:
+        return np.array([initial.velocity_north or 0.0, initial.velocity_east or 0.0, initial.velocity_down or 0.0])
+    found = source.first("dvl", "velocity", time)
+    if found is None or found[1].time[0] > time + SOON:
+        return np.zeros(3)
+    config, row = found
+    frame = str(row.frame[0]) if row.frame is not None and row.frame[0] else config.value("frame", "sensor")
+    _, _, heading = attitude.euler_from_quaternion(quaternion)
+    turn = {
+        "sensor": attitude.matrix_from_quaternion(quaternion) @ config.rotation_bs,
+        "body": attitude.matrix_from_quaternion(quaternion),
+        "level": attitude.matrix_from_euler(0.0, 0.0, heading),
+    }
+    return np.asarray(turn.get(frame, np.eye(3)) @ row.velocity[0])
 
 
 def _position(source: Source, time: float, quaternion: Array) -> tuple[float, float, float]:
