@@ -108,6 +108,14 @@ class Navigator:
         A row that waits for its input counts as USED until it has been judged; `outcomes` holds the last word on every row of the
         window.  Raises InputError for a sensor that the composition does not have.
         """
+        first = self.rows.get(sensor, 0)
+        outcome = self.receive(sensor, rows)
+        if sensor not in self.rows:
+            return outcome
+        return np.array([self.outcomes.get((sensor, first + i), int(code)) for i, code in enumerate(outcome)], np.int64)
+
+    def receive(self, sensor: str, rows: Table) -> Integers:
+        """Take in rows as `add` does; returns USED for those that gave a measurement, however that was judged, and why others did not."""
         if self.inputs is not None and self.inputs.is_mine(sensor) and isinstance(rows, Imu):
             return self._add_input(sensor, rows)
         if sensor in self.unmodelled:
@@ -123,7 +131,7 @@ class Navigator:
             self.outcomes.setdefault((sensor, first + i), int(code))
             if code != Outcome.USED:
                 self.turned_away.append((self.time, (sensor, first + i)))
-        return np.array([self.outcomes[sensor, first + i] for i in range(len(rows))], np.int64)
+        return outcome
 
     def _check(self, sensor: str, rows: Table) -> None:
         if sensor not in self._sensors:

@@ -83,7 +83,7 @@ def solve(
         if not isinstance(value, kind):
             raise InputError("solve", f"was given a {type(value).__name__} for the {kind.__name__.lower()}", f"give {right}")
     navigator, begun, _ = navigator_for(log, vehicle, estimator=estimator)
-    _look_at(navigator, vehicle, at)
+    look_at(navigator, vehicle, at)
     stream = stream_of(log, vehicle, navigator, rate=rate, times=times, end=end)
     told = progress or (lambda _: None)
     if smooth:
@@ -97,7 +97,7 @@ def solve(
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 
-def _look_at(navigator: Navigator, vehicle: Vehicle, name: str | None) -> None:
+def look_at(navigator: Navigator, vehicle: Vehicle, name: str | None) -> None:
     """Have estimates expressed at a named point, or at a sensor."""
     if name is None or navigator.reference is None:
         return

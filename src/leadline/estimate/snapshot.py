@@ -1,0 +1,107 @@
+"""A navigator as a file: all that it knows, so that a run can be resumed with the same bits."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, deque
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from leadline.data.errors import InputError
+from leadline.estimate import plan as at
+from leadline.estimate.navigator import Checkpoint
+from leadline.estimate.window import COLUMNS
+from leadline.formats.atomic import new_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from leadline.estimate.navigator import Navigator
+
+VERSION = 1
+
+
+def fingerprint(navigator: Navigator) -> str:
+    """Return a hash of what a navigator consists of: states, sensors as the vehicle file has them, parameters; machine addresses apart."""
+    layout, c = navigator.composition.layout, navigator.composition
+    names = [*(p.name for p in layout.motion), *(n.name for n in layout.nuisances), str(layout.clones)]
+    names += [f"{s.config.name} {json.dumps(s.config.written, sort_keys=True, default=str)}" for s in c.sensors]
+    epoch = navigator.reference.epoch.isoformat() if navigator.reference is not None else ""
+    return blake2b(" ".join([*names, epoch]).encode() + c.params.tobytes(), digest_size=16).hexdigest()
+
+
+def save(navigator: Navigator, path: Path, arrived: float) -> None:
+    """Write a navigator to a file, whole or not at all; `arrived`: when the last row that it has seen did.
+
+    Raises InputError where the file cannot be written.
+    """
+    _drop_outputs(navigator)
+    inputs = navigator.inputs
+    arrays: dict[str, Any] = {f"events.{k}": v for k, v in navigator.events.columns().items()}
+    arrays |= {"state": navigator.state, "places": np.array([c.place for c in navigator.checkpoints], np.int64)}
+    if navigator.checkpoints:
+        arrays["states"] = np.stack([c.state for c in navigator.checkpoints])
+    told: dict[str, Any] = {
+        "version": VERSION, "fingerprint": fingerprint(navigator), "arrived": arrived, "window": navigator.window, "start": navigator.start,
+        "done": navigator.done, "trimmed": navigator.trimmed, "rows": navigator.rows,
+        "counts": {k: dict(v) for k, v in navigator.counts.items()},
+        "outcomes": [[*key, code] for key, code in navigator.outcomes.items()],
+        "turned_away": [[time, *key] for time, key in navigator.turned_away],
+        "screens": {k: [[d.hex() for d in s.seen], s.value.hex()] for k, s in navigator.screens.items()},
+    }  # fmt: skip
+    arrays |= {f"recent.{k}": s.recent for k, s in navigator.screens.items()}
+    if inputs is not None:
+        arrays |= {"inputs.first": inputs.first.memory, "inputs.time": inputs.time, "inputs.data": inputs.data}
+        told["handed"] = inputs.handed
+        if inputs.second is not None:
+            arrays["inputs.second"] = inputs.second.memory
+    arrays["told"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    with new_file(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def _drop_outputs(navigator: Navigator) -> None:
+    """Take the outputs out of the window: they belong to the run that asked for them."""
+    events = navigator.events
+    outputs = np.flatnonzero(events.kind[: len(events)] == at.IS_OUTPUT)
+    if len(outputs):
+        for checkpoint in navigator.checkpoints:
+            checkpoint.place -= int(np.searchsorted(outputs, checkpoint.place))
+        navigator.done -= int(np.searchsorted(outputs, navigator.done))
+        events.delete(outputs)
+
+
+def restore(navigator: Navigator, path: Path) -> float:
+    """Bring a navigator of the same vehicle to what a file says; returns when the last row that it has seen arrived.
+
+    Raises InputError where the file is no snapshot, or is one of another vehicle or another log's time.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file.items())
+        told = json.loads(arrays.pop("told").tobytes())
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(path, f"is no snapshot ({str(error)[:60]})", "give a file that --snapshot wrote") from error
+    if told.get("version") != VERSION or told["fingerprint"] != fingerprint(navigator):
+        found = "was written by a navigator of other states, parameters or epoch"
+        raise InputError(path, found, "resume with the vehicle file and the epoch that it was written with")
+    navigator.state[:] = arrays["state"]
+    navigator.window, navigator.start, navigator.done = told["window"], told["start"], told["done"]
+    navigator.trimmed, navigator.rows = told["trimmed"], told["rows"]
+    navigator.counts = {k: Counter(v) for k, v in told["counts"].items()}
+    navigator.outcomes = {(name, row): code for name, row, code in told["outcomes"]}
+    navigator.turned_away = deque((time, (name, row)) for time, name, row in told["turned_away"])
+    navigator.events.restore({k: arrays[f"events.{k}"] for k in COLUMNS})
+    navigator.checkpoints = [Checkpoint(int(p), arrays["states"][i]) for i, p in enumerate(arrays["places"])]
+    for name, (seen, value) in told["screens"].items():
+        screen = navigator.screens[name]
+        screen.seen, screen.value = dict.fromkeys(map(bytes.fromhex, seen)), bytes.fromhex(value)
+        screen.recent = arrays[f"recent.{name}"]
+    if navigator.inputs is not None:
+        navigator.inputs.first.memory, navigator.inputs.handed = arrays["inputs.first"], told["handed"]
+        navigator.inputs.time, navigator.inputs.data = arrays["inputs.time"], arrays["inputs.data"]
+        if navigator.inputs.second is not None:
+            navigator.inputs.second.memory = arrays["inputs.second"]
+    return float(told["arrived"])
