@@ -90,6 +90,14 @@ def solve(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the solution, made anew.")],
     estimator: Annotated[str, typer.Option(help="ekf: error-state extended Kalman filter.")] = "ekf",
     rate: Annotated[float, typer.Option(metavar="HZ", help="States per second in the solution; changes no estimate.")] = 10.0,
+    times: Annotated[Path | None, typer.Option(metavar="FILE", help="States at the times of a CSV with a column time_s.")] = None,
+    at: Annotated[str | None, typer.Option(metavar="NAME", help="States of a named point or sensor instead of the body origin.")] = None,
+    smooth: Annotated[bool, typer.Option("--smooth", help="Each state by all data; rows are judged once more, by all others.")] = False,
+    as_live: Annotated[bool, typer.Option("--as-live", help="Deliver rows as they arrived (received_s), with the window.")] = False,
+    window: Annotated[float, typer.Option(metavar="S", help="With --as-live: how late a row may arrive.")] = 30.0,
+    until: Annotated[float | None, typer.Option(metavar="S", help="Stop at this time of the log.")] = None,
+    snapshot: Annotated[Path | None, typer.Option(metavar="FILE", help="With --as-live: write the navigator at the end.")] = None,
+    resume: Annotated[Path | None, typer.Option(metavar="FILE", help="With --as-live: go on from a snapshot.")] = None,
     only: Annotated[str, typer.Option(metavar="A,B", help="Aid with these sensors alone.")] = "",
     without: Annotated[str, typer.Option(metavar="A,B", help="Leave these sensors out.")] = "",
     csv: Annotated[bool, typer.Option("--csv", help="States as CSV instead of Parquet.")] = False,
@@ -98,21 +106,11 @@ def solve(
 ) -> None:
     """Turn a recorded dive into a trajectory with error bars, and a report."""
     with _progress(_loading()) as tell:
-        from leadline.missions.dive import solve_dive
+        from leadline.missions.dive import Run, solve_dive
 
-        solution, assessment = solve_dive(
-            log,
-            vehicle,
-            out,
-            estimator=estimator,
-            rate=rate,
-            only=_names(only),
-            without=_names(without),
-            csv=csv,
-            report=report,
-            progress=tell,
-            tell=lambda line: print(f"leadline: {line}", file=sys.stderr),
-        )
+        run = Run(estimator, rate, times, at, smooth, as_live, window, until, snapshot, resume, only=_names(only), without=_names(without))
+        told = lambda line: print(f"leadline: {line}", file=sys.stderr)  # noqa: E731
+        solution, assessment = solve_dive(log, vehicle, out, run, csv=csv, report=report, progress=tell, tell=told)
     if as_json:
         _print_json({**solution.summary, "assessment": assessment.to_dict()})
         return

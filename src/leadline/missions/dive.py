@@ -2,35 +2,95 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from leadline.assess.assessment import Assessment, assess
+from leadline.data.errors import InputError
 from leadline.data.inspection import inspect
+from leadline.data.records import Other
 from leadline.data.vehicle import read_vehicle
+from leadline.estimate.as_live import WINDOW, solve_as_live
 from leadline.estimate.solve import DEFAULT_RATE, solve
 from leadline.formats.atomic import check_place, new_folder
 from leadline.formats.folder import read_log
 from leadline.formats.solution import fill_folder
+from leadline.formats.table import read_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from leadline.data.log import Log
-    from leadline.data.records import Truth
+    from leadline.data.records import Array, Truth
     from leadline.data.solution import Solution
+    from leadline.data.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a dive is solved; times in s, rate in Hz.
+
+    times: a CSV with a column time_s.  at: a named point or sensor.  window, snapshot, resume: of a run as live.  only, without: sensors
+    of the vehicle to aid with, or to leave out; the one that drives the process model stays.
+    """
+
+    estimator: str = "ekf"
+    rate: float = DEFAULT_RATE
+    times: Path | None = None
+    at: str | None = None
+    smooth: bool = False
+    as_live: bool = False
+    window: float = WINDOW
+    until: float | None = None
+    snapshot: Path | None = None
+    resume: Path | None = None
+    only: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Refuse what does not go together; raises InputError."""
+        if self.as_live and self.smooth:
+            raise InputError("--smooth", "was given with --as-live", "a smoother looks ahead: give one of them")
+        for name in ("snapshot", "resume"):
+            if getattr(self, name) is not None and not self.as_live:
+                raise InputError(f"--{name}", "was given without --as-live", "only a live run can be broken off and resumed")
+        if not 0.0 <= self.window < float("inf"):
+            raise InputError("--window", f"{self.window} s", "give a time of zero or more")
+
+    def aboard(self, vehicle: Vehicle) -> Vehicle:
+        """Return the vehicle with the instruments that were asked for."""
+        driving = (vehicle.process.imu, *([vehicle.process.standby] if vehicle.process.standby else []))
+        kept = vehicle.only(*driving, *self.only) if self.only else vehicle
+        return kept.without(*self.without) if self.without else kept
+
+    def solve(self, log: Log, vehicle: Vehicle, progress: Callable[[float], None] | None) -> Solution:
+        """Solve a log."""
+        wanted: dict[str, Any] = {"rate": self.rate, "end": self.until, "at": self.at, "progress": progress, "estimator": self.estimator}
+        if self.times is not None:
+            wanted["times"] = read_times(self.times)
+        if self.as_live:
+            return solve_as_live(log, vehicle, window=self.window, snapshot=self.snapshot, resume=self.resume, **wanted)
+        return solve(log, vehicle, smooth=self.smooth, **wanted)
+
+
+def read_times(path: Path) -> Array:
+    """Return the column time_s (n,) of a CSV file; raises InputError where it has none, or holds what is no number."""
+    table = read_table(path, Other)
+    times = np.asarray(table.time, float)
+    if not len(times) or not np.isfinite(times).all():
+        raise InputError(path, f"has {len(times)} times, {int((~np.isfinite(times)).sum())} of them no numbers", "give a column time_s")
+    return times
 
 
 def solve_dive(
     log_path: Path,
     vehicle_path: Path,
     out: Path,
+    run: Run | None = None,
     *,
-    estimator: str = "ekf",
-    rate: float = DEFAULT_RATE,
-    only: tuple[str, ...] = (),
-    without: tuple[str, ...] = (),
     csv: bool = False,
     report: bool = True,
     progress: Callable[[float], None] | None = None,
@@ -38,24 +98,22 @@ def solve_dive(
 ) -> tuple[Solution, Assessment]:
     """Solve the log in a folder with a vehicle file and write the solution folder `out`; returns the solution and its assessment.
 
-    `only` and `without` name sensors of the vehicle to aid with, or to leave out; the one that drives the process model stays.
     `tell` is called with each problem that an inspection of the log finds; they stand in the summary as well.
     Raises InputError before any work where input is wrong or `out` must not be written.
     """
+    run = run or Run()
+    run.check()
     check_place(out)
-    log, vehicle = read_log(log_path), read_vehicle(vehicle_path)
-    if only:
-        vehicle = vehicle.only(vehicle.process.imu, *only)
-    if without:
-        vehicle = vehicle.without(*without)
+    log, vehicle = read_log(log_path), run.aboard(read_vehicle(vehicle_path))
     problems = problems_of(log)
     for problem in problems:
         tell(problem)
-    solution = solve(log, vehicle, estimator=estimator, rate=rate, progress=progress)
-    assessment = assess(solution, log.truth)
+    solution = run.solve(log, vehicle, progress)
+    truth = log.truth if run.at is None else None  # truth is of the body origin
+    assessment = assess(solution, truth)
     found = {"distance_m": assessment.distance, "problems": problems, "verdict": verdict_of(assessment)}
     solution = replace(solution, summary={**solution.summary, **found})
-    write_result(solution, assessment, out, truth=log.truth, csv=csv, report=report)
+    write_result(solution, assessment, out, truth=truth, csv=csv, report=report)
     return solution, assessment
 
 
