@@ -168,9 +168,11 @@ class GateEvidence:
     @property
     def p(self) -> float:
         """Probability of as many gated groups or more."""
-        from scipy.stats import binom
+        from scipy.special import bdtrc
 
-        return float(binom.sf(self.gated - 1, self.count, self.expected)) if self.count else nan
+        if not self.count:
+            return nan
+        return float(bdtrc(self.gated - 1, self.count, self.expected)) if self.gated else 1.0
 
     def verdict(self, rejected: bool, level: float) -> Verdict:
         """Hold it against the sensor only where more than half of its groups are turned away."""
@@ -194,10 +196,11 @@ class WhitenessEvidence:
     @property
     def p(self) -> float:
         """Probability of the Ljung-Box statistic n (n + 2) sum r_k^2 / (n - k) or more (Ljung and Box, 1978)."""
-        from scipy.stats import chi2
+        from scipy.special import gammaincc
 
         lags, n = np.arange(1, len(self.correlations) + 1), self.count
-        return float(chi2.sf(n * (n + 2) * np.sum(self.correlations**2 / (n - lags)), len(lags))) if len(lags) else nan
+        statistic = n * (n + 2) * np.sum(self.correlations**2 / (n - lags))
+        return float(gammaincc(0.5 * len(lags), 0.5 * statistic)) if len(lags) else nan
 
     def verdict(self, rejected: bool, level: float) -> Verdict:  # noqa: ARG002  (one contract for all evidence)
         """Name the lag of the largest autocorrelation."""
@@ -228,9 +231,9 @@ class NeesEvidence:
     @property
     def p(self) -> float:
         """Two-sided probability of the mean NEES: effective * mean is chi-square with effective * dof degrees of freedom."""
-        from scipy.stats import chi2
+        from scipy.special import gammainc
 
-        below = float(chi2.cdf(self.effective * self.mean, self.effective * self.dof))
+        below = float(gammainc(0.5 * self.effective * self.dof, 0.5 * self.effective * self.mean))
         return min(1.0, 2.0 * min(below, 1.0 - below))
 
     def verdict(self, rejected: bool, level: float) -> Verdict:
@@ -291,13 +294,13 @@ def _sensor_evidence(sensor: str, mine: Innovations) -> Iterator[Evidence]:
 
 def nis_evidence(sensor: str, groups: Innovations) -> NisEvidence:
     """Return the evidence of used groups, one entry each, in order of time."""
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     if not len(groups):
         return NisEvidence(sensor, 0, nan, GatedSum(0.0, np.empty((0, 2)), np.empty(0), 0.0))
     probability = np.where(np.isfinite(groups.gate_probability), groups.gate_probability, 1.0)
     pairs, inverse, counts = np.unique(np.stack([groups.dof, probability], axis=1), axis=0, return_inverse=True, return_counts=True)
-    kinds = np.stack([pairs[:, 0], chi2.ppf(pairs[:, 1], pairs[:, 0])], axis=1)
+    kinds = np.stack([pairs[:, 0], 2.0 * gammaincinv(0.5 * pairs[:, 0], pairs[:, 1])], axis=1)
     total = GatedSum(float(groups.nis.sum()), kinds, counts.astype(float), float(len(groups)))
     scale = np.bincount(inverse.ravel(), groups.nis) / counts
     correlation = autocorrelation(groups.nis - scale[inverse.ravel()])

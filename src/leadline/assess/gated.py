@@ -57,10 +57,10 @@ class GatedSum:
 
     def below(self, factor: float) -> float:
         """Return the probability of a sum up to the observed one when sigmas are wrong by `factor`."""
-        from scipy.stats import gamma
+        from scipy.special import gammainc
 
         mean, variance = self.moments(factor)
-        return float(gamma.cdf(self.total, mean**2 / variance, scale=variance / mean))
+        return float(gammainc(mean**2 / variance, self.total * mean / variance))
 
     @property
     def p(self) -> float:
@@ -77,8 +77,6 @@ class GatedSum:
 
     def _solve(self, falling: object) -> float:
         """Return where a function of the factor that falls crosses zero: 0 or inf where it does not within `RANGE`."""
-        from scipy.optimize import brentq
-
         assert callable(falling)
         if not self.total > 0.0:
             return nan
@@ -86,7 +84,11 @@ class GatedSum:
             return 0.0
         if falling(RANGE[1]) >= 0.0:
             return inf
-        return float(np.exp(brentq(lambda x: falling(np.exp(x)), np.log(RANGE[0]), np.log(RANGE[1]), xtol=1e-6)))
+        low, high = (float(np.log(end)) for end in RANGE)
+        while high - low > 1e-7:  # by halves: the function falls
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if falling(np.exp(middle)) > 0.0 else (low, middle)
+        return float(np.exp(0.5 * (low + high)))
 
 
 def effective_size(autocorrelation: Array, count: int) -> float:

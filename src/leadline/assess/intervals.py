@@ -49,13 +49,13 @@ class Interval:
 
 def interval_of_mean(values: ArrayLike, level: float = LEVEL) -> Interval:
     """Return the interval of the mean of independent values (runs,), by Student's t."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     x = np.asarray(values, float).ravel()
     mean = float(x.mean())
     if len(x) < 2:
         return Interval(-inf, inf, mean, level)
-    half = float(t.ppf(0.5 + level / 2, len(x) - 1)) * float(x.std(ddof=1)) / sqrt(len(x))
+    half = float(stdtrit(len(x) - 1, 0.5 + level / 2)) * float(x.std(ddof=1)) / sqrt(len(x))
     return Interval(mean - half, mean + half, mean, level)
 
 
@@ -66,14 +66,14 @@ def interval_of_rmse_ratio(errors: ArrayLike, reference: ArrayLike, level: float
     (a_r / a - b_r / b) / 2, taken with Student's t (the delta method; Casella and Berger, 2002, section 5.5.4).
     errors, reference: (runs,) or (runs, ...); what follows the first axis is averaged within its run.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     a, b = (np.mean(np.reshape(np.asarray(e, float) ** 2, (len(np.asarray(e)), -1)), axis=1) for e in (errors, reference))
     ratio = 0.5 * log(float(a.mean()) / float(b.mean()))
     influence = 0.5 * (a / a.mean() - b / b.mean())
     if len(a) < 2:
         return Interval(0.0, inf, exp(ratio), level)
-    half = float(t.ppf(0.5 + level / 2, len(a) - 1)) * float(influence.std(ddof=1)) / sqrt(len(a))
+    half = float(stdtrit(len(a) - 1, 0.5 + level / 2)) * float(influence.std(ddof=1)) / sqrt(len(a))
     return Interval(exp(ratio - half), exp(ratio + half), exp(ratio), level)
 
 
@@ -82,18 +82,18 @@ def interval_of_anees(anees: float, runs: float, dof: int, level: float = LEVEL)
 
     runs * anees / E(nees) * dof follows chi-square with runs * dof degrees of freedom (Bar-Shalom, Li and Kirubarajan, 2001, 5.4.2).
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     total = runs * dof
-    low, high = (float(total * anees / chi2.ppf(q, total)) for q in (0.5 + level / 2, 0.5 - level / 2))
+    low, high = (float(total * anees / (2.0 * gammaincinv(0.5 * total, q))) for q in (0.5 + level / 2, 0.5 - level / 2))
     return Interval(low, high, anees, level)
 
 
 def interval_of_fraction(count: int, total: int, level: float = LEVEL) -> Interval:
     """Return the exact interval of a probability of which `count` of `total` were seen (Clopper and Pearson, 1934)."""
-    from scipy.stats import beta
+    from scipy.special import betaincinv
 
     tail = 0.5 - level / 2
-    low = float(beta.ppf(tail, count, total - count + 1)) if count > 0 else 0.0
-    high = float(beta.ppf(1 - tail, count + 1, total - count)) if count < total else 1.0
+    low = float(betaincinv(count, total - count + 1, tail)) if count > 0 else 0.0
+    high = float(betaincinv(count + 1, total - count, 1 - tail)) if count < total else 1.0
     return Interval(low, high, count / total if total else nan, level)

@@ -10,9 +10,9 @@ of a callee in another module can never leave a stale kernel behind (tests/test_
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import os
+import re
 import shutil
 import sys
 import time
@@ -200,7 +200,7 @@ def _sources(module: str) -> set[Path]:
         if name in found or path is None or not (ours or (beside is not None and path.is_relative_to(beside))):
             continue
         found[name] = path
-        waiting += _imports(ast.parse(path.read_text()), name, path.name == "__init__.py")
+        waiting += _imports(path, name, path.name == "__init__.py")
     return set(found.values())
 
 
@@ -215,14 +215,28 @@ def _file_of(module: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 
 
-def _imports(tree: ast.AST, module: str, package: bool) -> Iterator[str]:
+IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+(\S+)[ \t]+import[ \t]+(\([^)]*\)|[^\n#;]*)|import[ \t]+([^\n#;]*))", re.MULTILINE)
+
+
+@cache
+def _statements(path: Path) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return the import statements of a file, wherever they stand: (module as written, names) or ("", modules)."""
+    found, text = [], path.read_text("utf-8")
+    for origin, names, modules in IMPORT.findall(re.sub(r"#[^\n]*", "", text)):
+        listed = (names or modules).strip("() \n").split(",")
+        found.append((origin, tuple(part.split()[0] for part in listed if part.split())))
+    return tuple(found)
+
+
+def _imports(path: Path, module: str, package: bool) -> Iterator[str]:
     """Yield the names of all modules that a source may import, relative imports resolved (those of a package start at itself)."""
     parts = module.split(".")
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = parts[: len(parts) + package - node.level] if node.level else []
-            name = ".".join([*base, node.module] if node.module else base)
-            yield name
-            yield from (f"{name}.{alias.name}" for alias in node.names)
+    for origin, names in _statements(path):
+        if not origin:
+            yield from names
+            continue
+        level = len(origin) - len(origin.lstrip("."))
+        base = parts[: len(parts) + package - level] if level else []
+        name = ".".join([*base, origin.lstrip(".")] if origin.lstrip(".") else base)
+        yield name
+        yield from (f"{name}.{part}" for part in names)

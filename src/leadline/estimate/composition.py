@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from leadline.core import compiled
 from leadline.core.compiled import COMPONENTS, NUISANCES, SLOT_NUISANCE, WIDE
@@ -172,7 +172,7 @@ def _states(slots: tuple[Slot, ...]) -> tuple[Nuisance, ...]:
 def _gate_parameters(slot: Slot) -> list[float]:
     """Parameters from GATE on (plan.py)."""
     gate, parameters = slot.config.gate, [0.0] * at.GATE_SIZE
-    parameters[at.LIMIT] = float(chi2.ppf(slot.gate_probability, len(slot.channel.components)))
+    parameters[at.LIMIT] = 2.0 * float(gammaincinv(0.5 * len(slot.channel.components), slot.gate_probability))
     parameters[at.WIDENING], parameters[at.STUDENT_DOF] = gate.widening or 0.0, gate.student_dof or 0.0
     parameters[at.REANCHOR_AFTER] = float(gate.reanchor_after or 0)
     parameters[at.EVERY], parameters[at.STANDBY_AFTER] = slot.config.every, slot.config.standby_after

@@ -111,10 +111,10 @@ class Study:
 
         Times that are correlated count as fewer: as many as the NEES of one run is worth.
         """
-        from scipy.stats import chi2
+        from scipy.special import gammaincinv
 
         runs, times, dof = self.whitened[block].shape
-        low, high = chi2.ppf([0.5 - probability / 2, 0.5 + probability / 2], runs * dof) / runs
+        low, high = 2.0 * gammaincinv(0.5 * runs * dof, [0.5 - probability / 2, 0.5 + probability / 2]) / runs
         nees = self.nees(block)
         inside = float(np.mean((low <= nees) & (nees <= high)))
         effective = max(1, round(min(self.evidence_of(block).effective / runs, times)))

@@ -95,11 +95,11 @@ def _nis_panel(sensor: str, mine: Innovations, clock: Clock, most: int) -> Panel
 
 def _running(groups: Innovations, ratio: Array, most: int) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
     """Return the lower and upper end of the band, the running mean, and the groups at which it ends its windows."""
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     window = max(WINDOW, len(groups) // 50)
     sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (ratio * groups.dof, groups.dof)]
     nis, dof = (v[window:] - v[:-window] for v in sums)
     index = spaced(len(nis), most)
-    low, high = (chi2.ppf(q, dof[index]) / dof[index] for q in (0.005, 0.995))
+    low, high = (2.0 * gammaincinv(0.5 * dof[index], q) / dof[index] for q in (0.005, 0.995))
     return low, high, nis[index] / dof[index], index + window // 2
