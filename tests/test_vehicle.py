@@ -60,7 +60,7 @@ def test_every_preset_is_a_sensor_of_each_of_its_kinds(name: str, kind: str) -> 
     sensor = vehicle(f'[sensors.a]\nkind = "{kind}"\npreset = "{name}"\n')["a"]
     assert (sensor.kind, sensor.preset) == (kind, name)
     for key, value in sensor.values.items():
-        if key.startswith(("sigma", "gyro", "accel", "noise", "bias", "beam_sigma")):
+        if key.startswith(("sigma", "gyro", "accel", "noise", "beam_sigma")) and not key.endswith("_process"):
             assert value > 0, key
     if kind != "imu":
         assert sensor.values["sigma" if kind != "yaw_rate" else "noise"] > 0
@@ -194,6 +194,38 @@ def test_a_sensor_may_be_named_as_one_likes() -> None:
     assert set(both.without("kvh").sensors) == {"imu", "bottom track"}
 
 
+def test_what_is_no_instruments_own_has_tables_of_its_own() -> None:
+    found = vehicle(
+        "[process]\nalign_s = 60.0\naligned_sigma_heading_deg = 2.0\nclones = 2\n"
+        "[water]\ncurrent = { value_mps = [0.1, -0.2], sigma_mps = 0.3, tau_s = 1800.0, length_m = 500.0 }\n"
+        "[seabed]\ndepth = { value_m = 40.0, sigma_m = 5.0, estimate = false }\n"
+        "[clocks.dvl-clock]\noffset = { sigma_s = 0.1 }\ndrift = { sigma_ppm = 20.0 }\n"
+        "[points.sonar]\nlever_arm_m = [1.0, 0.0, 0.5]\n"
+        '[sensors.dvl]\nsigma_mps = 0.01\nclock = "dvl-clock"\nnuisance.time = { sigma_s = 0.02 }\nnuisance.lever = { sigma_m = 0.1 }\n'
+    )
+    current, depth = found.shared["water.current"], found.shared["seabed.depth"]
+    np.testing.assert_array_equal(current.value, [0.1, -0.2])
+    np.testing.assert_array_equal(current.sigma, [0.3, 0.3])
+    assert (current.tau, current.length, current.estimate) == (1800.0, 500.0, True)
+    assert (float(depth.value[0]), float(depth.sigma[0]), depth.length, depth.estimate) == (40.0, 5.0, math.inf, False)
+    assert float(found.shared["clocks.dvl-clock.offset"].sigma[0]) == 0.1
+    assert float(found.shared["clocks.dvl-clock.drift"].sigma[0]) == pytest.approx(2e-5)
+    np.testing.assert_array_equal(found.points["sonar"], [1.0, 0.0, 0.5])
+    assert (found.process.align, found.process.clones) == (60.0, 2)
+    assert found.process.aligned_sigma_heading == pytest.approx(2 * DEGREE)
+    assert found["dvl"].nuisance["lever"].sigma.shape == (3,)
+
+
+def test_a_gate_and_a_second_instrument_are_of_the_sensor() -> None:
+    keys = "student_dof = 4.0\ngate_widening_s = 30.0\nreanchor_after = 5\nevery_s = 0.5\nstandby_for = 'dvl'\nstandby_after_s = 3.0\n"
+    found = vehicle("[sensors.dvl]\nsigma_mps = 0.01\n[sensors.dvl_b]\nkind = 'dvl'\nsigma_mps = 0.01\n" + keys)
+    plain, second = found["dvl"], found["dvl_b"]
+    assert (second.gate.student_dof, second.gate.widening, second.gate.reanchor_after) == (4.0, 30.0, 5)
+    assert (second.every, second.standby_for, second.standby_after) == (0.5, "dvl", 3.0)
+    assert (plain.gate.student_dof, plain.gate.widening, plain.gate.reanchor_after) == (None, None, None)
+    assert (plain.every, plain.standby_for, plain.standby_after) == (0.0, None, 2.0)
+
+
 # ---- what is wrong
 
 DVL = "[sensors.dvl]\nsigma_mps = 0.01\n"
@@ -201,7 +233,36 @@ WRONG = {
     "unknown key": ("[sensors.dvl]\nsigma_mp = 0.01\n", ["sensors.dvl", "'sigma_mp' (0.01)", "did you mean 'sigma_mps'?"]),
     "unknown key of process": ("[process]\nimuu = 'imu'\n", ["process", "'imuu' ('imu')", "did you mean 'imu'?"]),
     "unknown table": ("[sensor.dvl]\nsigma_mps = 0.01\n", ["unknown key 'sensor'", "did you mean 'sensors'?"]),
-    "unknown key of prior": (DVL + "nuisance.scale = { sigma = 1.0 }\n", ["dvl.nuisance.scale", "'sigma' (1.0)", "known: sigma_percent"]),
+    "unknown key of prior": (DVL + "nuisance.scale = { sigma = 1.0 }\n", ["dvl.nuisance.scale", "'sigma' (1.0)", "did you mean 'sigma_percent'?"]),
+    "unknown key of a shared prior": ("[water]\ncurrent = { sigma = 1.0 }\n", ["water.current", "'sigma'", "did you mean 'sigma_mps'?"]),
+    "text for yes or no": (DVL + "nuisance.scale = { estimate = 'no' }\n", ["nuisance.scale.estimate", "'no'", "true or false"]),
+    "length of nothing": (DVL + "nuisance.scale = { length_m = 0.0 }\n", ["nuisance.scale.length_m", "0.0", "above 0"]),
+    "no table of priors": ("[water]\ncurrent = 0.5\n", ["water.current", "0.5", "{ sigma_mps = 1.0 }"]),
+    "a current in three axes": ("[water]\ncurrent = { sigma_mps = [1, 1, 1] }\n", ["water.current.sigma_mps", "at most 2"]),
+    "nothing of the water": ("[water]\ncurent = { sigma_mps = 1.0 }\n", ["water.curent", "[water]", "did you mean 'current'?"]),
+    "nothing of the sea bed": ("[seabed]\nslope = { sigma_m = 1.0 }\n", ["seabed.slope", "[seabed]", "known: depth"]),
+    "nothing of a clock": (DVL + "clock = 'a'\n[clocks.a]\njump = { sigma_s = 1.0 }\n", ["clocks.a.jump", "[clocks]", "drift, offset"]),
+    "number for a clock": ("[clocks]\na = 5\n", ["clocks.a", "5", "tables"]),
+    "clock of no sensor": ("[clocks.a]\noffset = { sigma_s = 1.0 }\n", ["clocks.a", "clock of no sensor", 'clock = "a"']),
+    "point without a place": ("[points.a]\n", ["has no 'points.a.lever_arm_m'"]),
+    "point of two numbers": ("[points.a]\nlever_arm_m = [0.0, 1.0]\n", ["points.a.lever_arm_m", "[0.0, 1.0]", "at least 3"]),
+    "unknown key of a point": ("[points.a]\nlever_arm_m = [0, 0, 0]\nname = 'x'\n", ["points.a", "'name' ('x')", "lever_arm_m"]),
+    "no degrees of freedom": (DVL + "student_dof = 0.0\n", ["sensors.dvl.student_dof", "0.0", "above 0"]),
+    "widening at once": (DVL + "gate_widening_s = 0.0\n", ["sensors.dvl.gate_widening_s", "0.0", "above 0"]),
+    "re-anchoring at once": (DVL + "reanchor_after = 1\n", ["sensors.dvl.reanchor_after", "1", "2 or more"]),
+    "half a rejection": (DVL + "reanchor_after = 2.5\n", ["sensors.dvl.reanchor_after", "2.5", "a whole number"]),
+    "decimation to nothing": (DVL + "every_s = -1.0\n", ["sensors.dvl.every_s", "-1.0", "above 0"]),
+    "standing in for nobody": (DVL + "standby_for = 'dvl2'\n", ["sensors.dvl.standby_for", "'dvl2'", "known: imu"]),
+    "standing in for itself": (DVL + "standby_for = 'dvl'\n", ["sensors.dvl.standby_for", "'dvl' is no other sensor"]),
+    "standing by for ever": (DVL + "standby_for = 'imu'\nstandby_after_s = inf\n", ["sensors.dvl.standby_after_s", "inf", "finite"]),
+    "no second imu": ("[process]\nstandby = 'imu_b'\n", ["process.standby", "'imu_b'", "no other sensor of kind imu"]),
+    "an imu for itself": ("[process]\nstandby = 'imu'\n", ["process.standby", "'imu'", "no other sensor of kind imu"]),
+    "no time to align": ("[process]\nalign_s = 0\n", ["process.align_s", "0", "above 0"]),
+    "aligned to nothing": ("[process]\naligned_sigma_heading_deg = -5.0\n", ["process.aligned_sigma_heading_deg", "-5.0", "above 0"]),
+    "wrong process of a bias": (
+        "[sensors.b]\npreset = 'kvh-1775'\ngyro_bias_process = 'markov'\n",
+        ["sensors.b.gyro_bias_process", "'markov'", "'random_walk' or 'gauss_markov'"],
+    ),
     "unknown nuisance": (DVL + "nuisance.scal = { sigma_percent = 1.0 }\n", ["sensors.dvl.nuisance.scal", "did you mean 'scale'?"]),
     "negative sigma": ("[sensors.dvl]\nsigma_mps = -0.01\n", ["sensors.dvl.sigma_mps", "-0.01", "above 0"]),
     "negative noise": (

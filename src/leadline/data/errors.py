@@ -22,9 +22,9 @@ class InputError(ValueError):
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """Name the known words nearest to `word`, for the `right` of an `InputError`."""
+    """Name the known word nearest to `word`, for the `right` of an `InputError`: one that lacks only its unit comes first."""
     words = sorted(known)
-    near = get_close_matches(word, words, n=1)
+    near = [other for other in words if other.startswith(f"{word}_")] or get_close_matches(word, words, n=1)
     if near:
         return f"did you mean '{near[0]}'?"
     return f"known: {', '.join(words)}" if words else ""

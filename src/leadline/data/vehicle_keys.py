@@ -320,7 +320,8 @@ def _complaint(error: ErrorDetails, model: type[BaseModel], where: str) -> Input
     separator = ": " if model is Top else "."
     if error["type"] == "extra_forbidden":
         table, _, last = key.rpartition(".")
-        known = Process.model_fields if table == "process" else model.model_fields
+        tables: dict[str, type[BaseModel]] = {"process": Process, "points": Point}
+        known = tables.get(table.partition(".")[0], model).model_fields
         place = f"{where}{separator}{table}" if table else where
         return InputError(place, f"unknown key '{last}' ({shown(error['input'])})", suggestion(last, known))
     if error["type"] == "missing":
