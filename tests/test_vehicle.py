@@ -233,7 +233,7 @@ WRONG = {
     "unknown key": ("[sensors.dvl]\nsigma_mp = 0.01\n", ["sensors.dvl", "'sigma_mp' (0.01)", "did you mean 'sigma_mps'?"]),
     "unknown key of process": ("[process]\nimuu = 'imu'\n", ["process", "'imuu' ('imu')", "did you mean 'imu'?"]),
     "unknown table": ("[sensor.dvl]\nsigma_mps = 0.01\n", ["unknown key 'sensor'", "did you mean 'sensors'?"]),
-    "unknown key of prior": (DVL + "nuisance.scale = { sigma = 1.0 }\n", ["dvl.nuisance.scale", "'sigma' (1.0)", "did you mean 'sigma_percent'?"]),
+    "unknown key of prior": (DVL + "nuisance.scale = { sigma = 1.0 }\n", ["dvl.nuisance.scale", "'sigma' (1.0)", "mean 'sigma_percent'?"]),
     "unknown key of a shared prior": ("[water]\ncurrent = { sigma = 1.0 }\n", ["water.current", "'sigma'", "did you mean 'sigma_mps'?"]),
     "text for yes or no": (DVL + "nuisance.scale = { estimate = 'no' }\n", ["nuisance.scale.estimate", "'no'", "true or false"]),
     "length of nothing": (DVL + "nuisance.scale = { length_m = 0.0 }\n", ["nuisance.scale.length_m", "0.0", "above 0"]),
