@@ -1,0 +1,114 @@
+"""What instruments of position would have recorded, and the word that the vehicle stands still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from leadline.core.geodesy import ecef_from_geodetic, geodetic_from_ecef, north_east, rotation_en
+from leadline.data import records
+from leadline.simulate.instrument import STEADY, ZERO, Drift, Instrument, Vector
+from leadline.simulate.trajectory import turned
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+    from leadline.data.records import Array
+    from leadline.simulate.trajectory import Trajectory
+
+
+def displaced(latitude: Array, longitude: Array, height: Array, error_n: Array) -> tuple[Array, Array, Array]:
+    """Return latitude, longitude and height of points moved by `error_n` (rows, 3) metres north-east-down; safe at the poles."""
+    if not np.any(error_n):
+        return latitude, longitude, height
+    return geodetic_from_ecef(ecef_from_geodetic(latitude, longitude, height) + turned(rotation_en(latitude, longitude), error_n))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gnss(Instrument[records.Gnss]):
+    """Position of the antenna, while it is not deeper than `max_depth` (m); velocity where `sigma_velocity` is not None."""
+
+    sigma: Vector = ZERO  # north, east, down
+    drift: Drift = STEADY
+    sigma_velocity: float | None = None
+    max_depth: float = np.inf
+
+    def ideal(self, trajectory: Trajectory, time: Array) -> records.Gnss:
+        """Return true positions of the antenna."""
+        seen = trajectory.at(time).point(self.lever_arm_b).depth <= self.max_depth
+        state = trajectory.at(time[seen]).point(self.lever_arm_b)
+        latitude, longitude, height = state.geodetic
+        velocity = None if self.sigma_velocity is None else state.velocity_n
+        return records.Gnss(time=state.time, latitude=latitude, longitude=longitude, height=height, velocity=velocity)
+
+    def noisy(self, table: records.Gnss, generator: Generator) -> records.Gnss:
+        """Add errors north, east and down."""
+        shape = (len(table), 3)
+        error = self.drift.draw(table.time, 3, generator) + np.asarray(self.sigma) * generator.standard_normal(shape)
+        latitude, longitude, height = displaced(table.latitude, table.longitude, cast("Array", table.height), error)
+        velocity = table.velocity
+        if velocity is not None:
+            velocity = velocity + (self.sigma_velocity or 0.0) * generator.standard_normal(shape)
+        stated = np.tile(self.sigma, (len(table), 1)) if min(self.sigma) > 0 else None
+        return replace(table, latitude=latitude, longitude=longitude, height=height, velocity=velocity, sigma_axes=stated)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionFix(Instrument[records.PositionFix]):
+    """Position of the transponder solved elsewhere: `output` is "geographic" or "local" (metres from the trajectory's start).
+
+    White noise `sigma` (m) north and east, `sigma_depth` down.  A fraction of the fixes is wrong by 0.5 to 1.5 `outlier_size` (m) in any
+    direction; the column `outlier` says which (for assessment: no estimator reads it).
+    """
+
+    output: str = "geographic"
+    depth: bool = True
+    sigma: float = 0.0
+    sigma_depth: float = 0.0
+    outlier_fraction: float = 0.0
+    outlier_size: float = 0.0
+
+    def ideal(self, trajectory: Trajectory, time: Array) -> records.PositionFix:
+        """Return true positions of the transponder."""
+        state, place = trajectory.at(time).point(self.lever_arm_b), trajectory.place
+        latitude, longitude, _ = state.geodetic
+        depth = state.depth if self.depth else None
+        if self.output == "geographic":
+            return records.PositionFix(time=time, latitude=latitude, longitude=longitude, depth=depth)
+        north, east = north_east(latitude, longitude, place.latitude, place.longitude)
+        return records.PositionFix(time=time, north=north, east=east, depth=depth)
+
+    def noisy(self, table: records.PositionFix, generator: Generator) -> records.PositionFix:
+        """Add white noise and outliers."""
+        rows = len(table)
+        error = np.array([self.sigma, self.sigma, self.sigma_depth]) * generator.standard_normal((rows, 3))
+        wrong = generator.random(rows) < self.outlier_fraction
+        size, bearing = self.outlier_size * generator.uniform(0.5, 1.5, rows) * wrong, generator.uniform(0, 2 * np.pi, rows)
+        error[:, 0] += size * np.cos(bearing)
+        error[:, 1] += size * np.sin(bearing)
+        columns: dict[str, Any] = {"depth": None if table.depth is None else table.depth + error[:, 2]}
+        if table.latitude is not None and table.longitude is not None:
+            level = error * (1.0, 1.0, 0.0)
+            columns["latitude"], columns["longitude"], _ = displaced(table.latitude, table.longitude, np.zeros(rows), level)
+        else:
+            columns |= {"north": cast("Array", table.north) + error[:, 0], "east": cast("Array", table.east) + error[:, 1]}
+        if self.sigma > 0 and self.sigma_depth > 0:
+            columns["sigma_axes"] = np.tile([self.sigma, self.sigma, self.sigma_depth], (rows, 1))
+        return replace(table, **columns, extra={"outlier": wrong.astype(float)} if self.outlier_fraction else {})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroVelocity(Instrument[records.ZeroVelocity]):
+    """The word that the vehicle stands still, with the sigma (m/s) of that; give it only where the trajectory does."""
+
+    sigma: float = 0.001
+
+    def ideal(self, trajectory: Trajectory, time: Array) -> records.ZeroVelocity:  # noqa: ARG002  (knows no motion)
+        """Return the rows."""
+        return records.ZeroVelocity(time=time, sigma=np.full(len(time), self.sigma))
+
+    def noisy(self, table: records.ZeroVelocity, generator: Generator) -> records.ZeroVelocity:  # noqa: ARG002  (has no noise)
+        """Return the rows."""
+        return table
