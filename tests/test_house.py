@@ -90,6 +90,7 @@ BORDER = {
     "data/vehicle_keys.py": "keys of the vehicle file",
     "data/vehicle_template.py": "keys of the vehicle file",
     "data/presets.toml": "keys of the vehicle file",
+    "calibrate/dvl.py": "writes a fragment of a vehicle file",
     "data/inspection.py": "says ranges in the unit of the file, by UNITS",
     "data/suspicion.py": "says in file units what looks wrong, and looks for radians where degrees belong",
 }

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, help="Navigation for underwater vehicles.")
 vehicle_app = typer.Typer(help="Make and check vehicle files.")
 app.add_typer(vehicle_app, name="vehicle")
+calibrate_app = typer.Typer(help="Calibrate instruments from logs.")
+app.add_typer(calibrate_app, name="calibrate")
 
 LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="Folder of a log (log.toml and one table per sensor).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
@@ -88,6 +90,7 @@ def solve(
     log: LogPath,
     vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the solution, made anew.")],
+    calibration: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Fragment that comes before the vehicle file.")] = None,
     estimator: Annotated[str, typer.Option(help="ekf: error-state extended Kalman filter.")] = "ekf",
     rate: Annotated[float, typer.Option(metavar="HZ", help="States per second in the solution; changes no estimate.")] = 10.0,
     times: Annotated[Path | None, typer.Option(metavar="FILE", help="States at the times of a CSV with a column time_s.")] = None,
@@ -108,7 +111,8 @@ def solve(
     with _progress(_loading()) as tell:
         from leadline.missions.dive import Run, solve_dive
 
-        run = Run(estimator, rate, times, at, smooth, as_live, window, until, snapshot, resume, only=_names(only), without=_names(without))
+        names = (_names(only), _names(without), tuple(calibration or ()))
+        run = Run(estimator, rate, times, at, smooth, as_live, window, until, snapshot, resume, *names)
         told = lambda line: print(f"leadline: {line}", file=sys.stderr)  # noqa: E731
         solution, assessment = solve_dive(log, vehicle, out, run, csv=csv, report=report, progress=tell, tell=told)
     if as_json:
@@ -191,6 +195,31 @@ def vehicle_check(
     from leadline.report.vehicle import text
 
     _print_rich(text(read_vehicle(vehicle), read_log(log) if log is not None else None))
+
+
+@calibrate_app.command("dvl")
+def calibrate_dvl(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Folders of logs with a reference.")],
+    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
+    sensor: Annotated[str, typer.Option(metavar="NAME", help="The Doppler log.")] = "dvl",
+    reference: Annotated[
+        str, typer.Option(metavar="WHAT", help="fixes, truth, ends (of truth), or a table's path inside a log.")
+    ] = "fixes",
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write the fragment; else it is printed.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Scale, mounting and lever arm of a Doppler log from logs with a reference, as a fragment of a vehicle file."""
+    with _progress("calibrating") as tell:
+        from leadline.missions.calibration import dvl_from_folders
+
+        found, text = dvl_from_folders(logs, vehicle, sensor, reference, out, tell)
+    if as_json:
+        _print_json({"fragment": text, **vars(found)})
+        return
+    from leadline.report.calibration import dvl_text
+
+    _print_rich(dvl_text(found))
+    print(text.rstrip() if out is None else f"fragment: {out}")
 
 
 @app.command()

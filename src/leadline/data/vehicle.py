@@ -141,31 +141,57 @@ class Vehicle:
         return replace(self, sensors=kept, excluded=self.excluded | set(names))
 
 
-def read_vehicle(path: str | Path) -> Vehicle:
-    """Read a vehicle file.
+def read_vehicle(path: str | Path, *fragments: str | Path) -> Vehicle:
+    """Read a vehicle file; `fragments` are files of the same form that come before it, key by key, as calibration and tuning write them.
 
     Raises InputError, naming file, key and value, for a missing file, wrong TOML, an unknown key or preset, a value of the wrong
     type or outside its range, and a mounting that is no rotation.
     """
-    path = Path(path)
+    texts = [_text(Path(p)) for p in (path, *fragments)]
+    raw = _toml(texts[0], str(path))
+    for place, text in zip(fragments, texts[1:], strict=True):
+        raw = _over(raw, _toml(text, str(place)))
+    return _vehicle(raw, Path(path))
+
+
+def _text(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "give a vehicle file; `leadline vehicle new` writes one") from error
     except UnicodeDecodeError as error:
         raise InputError(path, f"is not text in UTF-8 (byte {error.start})", "give a vehicle file in TOML") from error
-    return vehicle_from_toml(text, path)
+    return text
+
+
+def _over(raw: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Put the keys of `more` over those of `raw`; tables are merged, but for priors, which are taken whole."""
+    merged = dict(raw)
+    for key, value in more.items():
+        known = merged.get(key)
+        whole = (
+            isinstance(value, dict) and any(part.startswith(("value_", "sigma_")) for part in value) and key not in ("sensors", "process")
+        )
+        merged[key] = _over(known, value) if isinstance(value, dict) and isinstance(known, dict) and not whole else value
+    return merged
+
+
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax(text, where, str(error)) from error
 
 
 def vehicle_from_toml(text: str, path: Path | None = None) -> Vehicle:
     """Make a vehicle of the text of a vehicle file; raises as `read_vehicle`."""
+    return _vehicle(_toml(text, str(path or "vehicle")), path)
+
+
+def _vehicle(raw: dict[str, Any], path: Path | None) -> Vehicle:
     from leadline.data import vehicle_keys
 
     where = str(path or "vehicle")
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _syntax(text, where, str(error)) from error
     top = vehicle_keys.check_top(raw, where)
     sensors = {name: _sensor(name, keys, f"{where}: sensors.{name}") for name, keys in top.sensors.items()}
     imus = [name for name, sensor in sensors.items() if sensor.kind == "imu"]

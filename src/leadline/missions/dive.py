@@ -49,6 +49,7 @@ class Run:
     resume: Path | None = None
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    fragments: tuple[Path, ...] = ()  # files whose keys come before those of the vehicle file
 
     def check(self) -> None:
         """Refuse what does not go together; raises InputError."""
@@ -104,7 +105,7 @@ def solve_dive(
     run = run or Run()
     run.check()
     check_place(out)
-    log, vehicle = read_log(log_path), run.aboard(read_vehicle(vehicle_path))
+    log, vehicle = read_log(log_path), run.aboard(read_vehicle(vehicle_path, *run.fragments))
     problems = problems_of(log)
     for problem in problems:
         tell(problem)
