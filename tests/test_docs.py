@@ -21,8 +21,9 @@ from leadline import cli
 from leadline.data.log import Beacon, Datum, Initial, Origin
 from leadline.data.outcome import Outcome
 from leadline.data.records import KINDS, UNITLESS, UNITS, Table
+from leadline.data.sensor_keys import BY_KIND, Sensor
 from leadline.data.vehicle import presets
-from leadline.data.vehicle_keys import BY_KIND, NUISANCES, Sensor
+from leadline.data.vehicle_keys import NUISANCES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -88,10 +88,12 @@ BORDER = {
     "data/records.py": "UNITS: what the suffix of a file column means",
     "data/vehicle.py": "keys of the vehicle file",
     "data/vehicle_keys.py": "keys of the vehicle file",
+    "data/sensor_keys.py": "keys of the vehicle file",
     "data/vehicle_template.py": "keys of the vehicle file",
     "data/presets.toml": "keys of the vehicle file",
     "calibrate/dvl.py": "writes a fragment of a vehicle file",
     "data/inspection.py": "says ranges in the unit of the file, by UNITS",
+    "sea/magnetic.py": "what the World Magnetic Model takes and gives",
     "data/suspicion.py": "says in file units what looks wrong, and looks for radians where degrees belong",
 }
 DEGREE = re.compile(

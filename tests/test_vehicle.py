@@ -31,8 +31,9 @@ from leadline.data.records import (
     YawRate,
     ZeroVelocity,
 )
+from leadline.data.sensor_keys import BY_KIND
 from leadline.data.vehicle import Vehicle, mounting_deg, presets, read_vehicle, si, vehicle_from_toml
-from leadline.data.vehicle_keys import BY_KIND, NUISANCES, check_prior
+from leadline.data.vehicle_keys import NUISANCES, OF_ALL, SHARED, check_prior
 from leadline.data.vehicle_template import FIGURES, check, notes, rate_of, template
 from leadline.report.vehicle import text
 
@@ -102,6 +103,8 @@ def test_the_sigmas_of_a_preset_dvl_belong_together(name: str, kind: str) -> Non
         ("beam_azimuth_deg", [0.0, 90.0], "beam_azimuth", [0.0, 1.5707963267948966]),
         ("rate_hz", 5, "rate", 5.0),
         ("tau_h", 2.0, "tau", 7200.0),
+        ("density_kgpm3", 1025.0, "density", 1025.0),
+        ("walk_deg_per_h_per_rts", 3600.0, "walk", 0.017453292519943295),
         ("sigma_ut", 0.2, "sigma", 2e-7),
         ("range_max_m", 3500.0, "range_max", 3500.0),
         ("phased_array", True, "phased_array", True),
@@ -143,6 +146,9 @@ def test_nuisances_of_file_and_preset_are_merged_by_name() -> None:
     own = vehicle(base + "nuisance.scale = { value_percent = 0.5 }\n")["dvl"].nuisance
     assert float(own["scale"].value[0]) == pytest.approx(0.005)
     assert float(own["scale"].sigma[0]) == 0.0  # the file's entry replaces the preset's, whole
+    array = base + "phased_array = true\n"
+    assert vehicle(array)["dvl"].nuisance == {}  # the preset's scale is that of another transducer
+    assert float(vehicle(array + "nuisance.scale = { sigma_percent = 0.3 }\n")["dvl"].nuisance["scale"].sigma[0]) == pytest.approx(0.003)
     assert presets()["rdi-workhorse-navigator-600"]["dvl"]["nuisance"] == {"scale": {"sigma_percent": 0.2}}
 
 
@@ -192,6 +198,15 @@ def test_a_sensor_may_be_named_as_one_likes() -> None:
     assert {name: sensor.kind for name, sensor in both.sensors.items()} == {"imu": "imu", "bottom track": "dvl", "kvh": "imu"}
     assert set(both.only("imu").sensors) == {"imu"}
     assert set(both.without("kvh").sensors) == {"imu", "bottom track"}
+
+
+def test_every_walk_has_its_unit() -> None:
+    """A unit that `si` does not know would leave a walk behind as zero, unseen."""
+    factors = {"percent": 0.01, "deg": DEGREE, "deg_per_h": DEGREE / 3600, "ppm": 1e-6}
+    known = [spec for names in (*NUISANCES.values(), *SHARED.values(), OF_ALL) for spec in names.values()]
+    for unit in {spec.unit for spec in known}:
+        assert si(f"walk_{unit}_per_rts", 2.0) == ("walk", pytest.approx(2.0 * factors.get(unit, 1.0)))
+        assert si(f"sigma_{unit}", 2.0) == ("sigma", pytest.approx(2.0 * factors.get(unit, 1.0)))
 
 
 def test_what_is_no_instruments_own_has_tables_of_its_own() -> None:
@@ -269,7 +284,17 @@ WRONG = {
         "[sensors.b]\npreset = 'kvh-1775'\ngyro_noise_deg_per_rth = -1.0\n",
         ["sensors.b.gyro_noise_deg_per_rth", "-1.0", "0 or more"],
     ),
-    "negative noise of a carried kind": ("[sensors.yaw_rate]\nnoise_deg_per_rth = -1\n", ["yaw_rate.noise_deg_per_rth", "-1", "0 or more"]),
+    "negative noise of a carried kind": ("[sensors.magnetometer]\nnoise_ut = -1\n", ["magnetometer.noise_ut", "-1", "0 or more"]),
+    "no noise": ("[sensors.yaw_rate]\nnoise_deg_per_rth = 0.0\n", ["yaw_rate.noise_deg_per_rth", "0.0", "above 0"]),
+    "two declinations": (
+        "[sensors.heading]\nsigma_deg = 1.0\ndeclination_deg = 3.0\ndeclination = 'wmm'\n",
+        ["sensors.heading", "'declination' and 'declination_deg'", "one of them"],
+    ),
+    "a model of no field": ("[sensors.heading]\nsigma_deg = 1.0\ndeclination = 'igrf'\n", ["heading.declination", "'igrf'", "'wmm'"]),
+    "water without density": ("[sensors.pressure]\nsigma_pa = 100.0\ndensity_kgpm3 = 0\n", ["pressure.density_kgpm3", "0", "above 0"]),
+    "a swing of three": ("[sensors.heading]\nsigma_deg = 1.0\nnuisance.swing = { sigma_deg = [1, 1, 1] }\n", ["sigma_deg", "at least 4"]),
+    "navigation as fixes": ("[sensors.navigation]\nuse = 'fixes'\n", ["navigation.use", "'fixes'", "'none' or 'increments'"]),
+    "an increment of nothing": ("[sensors.navigation]\nincrement_s = 0.0\n", ["navigation.increment_s", "0.0", "above 0"]),
     "negative prior": (DVL + "nuisance.scale = { sigma_percent = -1.0 }\n", ["nuisance.scale.sigma_percent", "-1.0", "0 or more"]),
     "negative prior of an axis": (DVL + "nuisance.mounting = { sigma_deg = [1, -2, 1] }\n", ["mounting.sigma_deg[1]", "-2", "0 or more"]),
     "nan": ("[sensors.dvl]\nsigma_mps = nan\n", ["sensors.dvl.sigma_mps", "nan", "a finite number"]),
@@ -395,7 +420,7 @@ def test_the_template_of_a_log_reads_and_checks_clean() -> None:
     assert found["dvl"].values["rate"] == 5.0
     assert "rate" not in found["still"].values
     assert found["ranges"].value("path") == "one_way"
-    assert [note for note in notes(found, LOG) if not note.startswith(("imu_b", "magnetometer", "fog", "log", "sonar"))] == []
+    assert [note for note in notes(found, LOG) if not note.startswith(("imu_b", "magnetometer", "sonar"))] == []
 
 
 def test_the_template_names_every_table_even_what_no_model_uses() -> None:
@@ -410,8 +435,13 @@ def test_the_template_names_every_table_even_what_no_model_uses() -> None:
 def test_every_offer_of_the_template_can_be_taken_up() -> None:
     """Without the # before it, each commented key is one that its sensor knows."""
     for kind, lines in FIGURES.items():
-        plain = "".join(f"{key.removeprefix('#')} = {value.replace('{path}', 'two_way')}\n" for key, value, _ in lines)
-        assert vehicle(f'[sensors.a]\nkind = "{kind}"\n{plain}')["a"].kind == kind
+        own = f'[sensors.a]\nkind = "{kind}"\n'
+        plain = {key.removeprefix("#"): value.replace("{path}", "two_way") for key, value, _ in lines if not key.startswith("##")}
+        assert vehicle(own + "".join(f"{key} = {value}\n" for key, value in plain.items()))["a"].kind == kind
+        for key, value, _ in lines:  # what stands in the place of another
+            if key.startswith("##"):
+                kept = {k: v for k, v in plain.items() if k.partition("_deg")[0] != key[2:]} | {key[2:]: value}
+                assert vehicle(own + "".join(f"{k} = {v}\n" for k, v in kept.items()))["a"].kind == kind
     uncommented = template(LOG).replace("# kind =", "kind =").replace("# [sensors.", "[sensors.").replace("# model =", "model =")
     assert set(tomllib.loads(uncommented)["sensors"]) == set(TABLES) - {"truth"}
     assert vehicle_from_toml(uncommented)["sonar"].model == "package.module:function"
@@ -441,8 +471,9 @@ def test_the_template_without_a_log_is_a_whole_example() -> None:
     assert set(FIGURES) <= set(BY_KIND)
     assert notes(found) == []
     assert all(len(line) < 260 for line in template().splitlines())
-    for kind in ("magnetometer", "yaw_rate", "speed", "altimeter", "pressure"):
-        assert f"# {kind}: no model uses this kind yet.\n# [sensors.{kind}]\n# kind" in template()
+    assert {"water.current", "seabed.depth"} == set(found.shared)
+    assert "# magnetometer: no model uses this kind yet.\n# [sensors.magnetometer]\n# kind" in template()
+    assert set(vehicle_from_toml(template(LOG)).shared) == {"water.current"}  # of a speed log
 
 
 def test_the_template_of_a_log_without_imu_says_so() -> None:
@@ -479,7 +510,7 @@ NOTES = {
     ),
     "no beams": ('[sensors.dvl]\nsigma_mps = 0.01\nuse = "beams"\n', "dvl: use = beams, but the log has none"),
     "magnetic": ('[sensors.heading]\nsigma_deg = 1.0\nreference = "magnetic"\n', "heading: its heading is magnetic and it has no"),
-    "carried": ('[sensors.fog]\npreset = "kvh-dsp-3000"\n', "fog: no model uses kind 'yaw_rate' yet; it is carried"),
+    "carried": ("[sensors.magnetometer]\nsigma_ut = 0.2\n", "magnetometer: no model uses kind 'magnetometer' yet; it is carried"),
     "unnamed": ("", "gnss: a table of kind gnss in the log that the vehicle does not name"),
 }
 

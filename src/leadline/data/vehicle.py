@@ -32,6 +32,7 @@ HUMAN_UNITS: Mapping[str, float] = {
     "degps": DEGREE, "deg_per_h": DEGREE / 3600, "deg_per_rth": DEGREE / 60, "deg_per_rts": DEGREE, "degps_per_rthz": DEGREE,
     "ug": MICRO_G, "ug_per_rthz": MICRO_G, "mps2_per_rthz": 1.0, "mps_per_rth": 1 / 60, "mps_per_rts": 1.0, "m_per_rts": 1.0,
     "percent": 0.01, "percent_per_rts": 0.01, "ppm": 1e-6, "ppm_per_rts": 1e-6, "hz": 1.0, "h": 3600.0,
+    "deg_per_h_per_rts": DEGREE / 3600, "s_per_rts": 1.0, "kgpm3": 1.0,
 }  # fmt: skip
 
 
@@ -252,7 +253,7 @@ def _syntax(text: str, where: str, message: str) -> InputError:
 
 
 def _sensor(name: str, given: Any, where: str) -> SensorConfig:
-    from leadline.data import vehicle_keys
+    from leadline.data import sensor_keys, vehicle_keys
 
     keys = vehicle_keys.check_head(given, where)
     kind = keys.get("kind", name if name in KINDS else None) or _kind_of_preset(keys.get("preset"), where)
@@ -270,7 +271,7 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
         latency=checked["latency_s"],
         every=checked["every_s"] or 0.0,
         standby_after=checked["standby_after_s"],
-        values=dict(si(key, value) for key, value in checked.items() if key not in vehicle_keys.COMMON and value is not None),
+        values=dict(si(key, value) for key, value in checked.items() if key not in sensor_keys.COMMON and value is not None),
         nuisance={key: _prior(kind, key, value, where) for key, value in checked["nuisance"].items()},
         written=filled,
         **common,
@@ -278,10 +279,16 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
 
 
 def _merged(preset: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the file's keys before the preset's; of the nuisances each by itself, so that naming one keeps the others."""
+    """Put the file's keys before the preset's; of the nuisances each by itself, so that naming one keeps the others.
+
+    A phased array has a scale only where the file itself says so.
+    """
     merged = {**preset, **keys}
     if "nuisance" in merged:
-        merged["nuisance"] = {**preset.get("nuisance", {}), **keys.get("nuisance", {})}
+        own = dict(preset.get("nuisance", {}))
+        if merged.get("phased_array") is True:  # its horizontal velocities do not depend on the sound speed
+            own.pop("scale", None)
+        merged["nuisance"] = {**own, **keys.get("nuisance", {})}
     return merged
 
 
@@ -289,7 +296,7 @@ def si(key: str, value: Any) -> tuple[str, Any]:
     """Return a key without its unit suffix and its value in SI; keys without unit, and what is no number, stay as they are."""
     if not _numeric(value):
         return key, value
-    for size in (4, 3, 2, 1):
+    for size in (5, 4, 3, 2, 1):
         parts = key.split("_")
         suffix = "_".join(parts[-size:])
         if len(parts) > size and suffix in HUMAN_UNITS:

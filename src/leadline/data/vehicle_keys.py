@@ -1,14 +1,15 @@
-"""Which keys a vehicle file may hold, with their types and ranges, in the human units in which they are written."""
+"""Which keys a vehicle file may hold beside those of its sensors, what priors may stand in it, and what is said of a wrong one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, Field, ValidationError, create_model
 
 from leadline.data.errors import InputError, suggestion
 from leadline.data.records import KINDS
+from leadline.data.sensor_keys import BY_KIND, Carried, Finite, Keys, NotNegative, Positive, Vector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,17 +17,6 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Model = TypeVar("Model", bound=BaseModel)
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[float, Field(gt=0, lt=1)]
-Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-
-
-class Keys(BaseModel):
-    """A table of a vehicle file: unknown keys are refused, nothing is converted silently."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class Process(Keys):
@@ -52,133 +42,10 @@ class Top(Keys):
     name: str
     process: Process = Process()
     sensors: dict[str, Any] = Field(min_length=1)
-    water: dict[str, Any] = {}
-    seabed: dict[str, Any] = {}
-    clocks: dict[str, dict[str, Any]] = {}
-    points: dict[str, Point] = {}
-
-
-class Sensor(Keys):
-    """What every sensor may say."""
-
-    kind: str | None = None
-    preset: str | None = None
-    model: str | None = None
-    lever_arm_m: Vector = [0.0, 0.0, 0.0]
-    mounting_deg: Vector = [0.0, 0.0, 0.0]
-    mounting_matrix: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
-    gate_probability: Probability = 0.999
-    student_dof: Positive | None = None
-    gate_widening_s: Positive | None = None
-    reanchor_after: Annotated[int, Field(ge=2)] | None = None
-    every_s: Positive | None = None
-    standby_for: str | None = None
-    standby_after_s: Positive = 2.0
-    latency_s: Finite = 0.0
-    clock: str | None = None
-    repeats: Literal["new", "held"] = "new"
-    rate_hz: Positive | None = None
-    nuisance: dict[str, Any] = {}
-
-
-COMMON = frozenset(Sensor.model_fields) - {"rate_hz"}
-
-
-class Imu(Sensor):
-    """Noise as densities, biases as turn-on sigma and as the in-run instability that they wander by.
-
-    A bias is a random constant that walks by its instability within tau, or (`gauss_markov`) a stationary process of its sigma and tau.
-    """
-
-    gyro_noise_deg_per_rth: NotNegative
-    gyro_bias_deg_per_h: NotNegative
-    gyro_bias_instability_deg_per_h: NotNegative = 0.0
-    gyro_bias_tau_s: Positive = 3600.0
-    gyro_bias_process: Literal["random_walk", "gauss_markov"] = "random_walk"
-    accel_noise_ug_per_rthz: NotNegative
-    accel_bias_ug: NotNegative
-    accel_bias_instability_ug: NotNegative = 0.0
-    accel_bias_tau_s: Positive = 3600.0
-    accel_bias_process: Literal["random_walk", "gauss_markov"] = "random_walk"
-    gap_s: Positive | None = None
-    gap_accel_mps2_per_rthz: Positive = 0.3
-    gap_rate_degps_per_rthz: Positive = 3.0
-
-
-class Dvl(Sensor):
-    """A Doppler log.  `use` says whether the vector or the single beams are taken."""
-
-    sigma_mps: Positive
-    use: Literal["velocity", "beams"] = "velocity"
-    frame: Literal["sensor", "body", "level", "ned"] = "sensor"
-    beam_azimuth_deg: list[Finite] | None = None
-    beam_tilt_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
-    beam_sigma_mps: Positive | None = None
-    phased_array: bool = False
-    speed_max_mps: Positive = 10.0
-
-
-class Depth(Sensor):
-    """A depth sensor."""
-
-    sigma_m: Positive
-
-
-class Heading(Sensor):
-    """A compass or gyrocompass; `declination_deg` is added to a magnetic heading."""
-
-    sigma_deg: Positive
-    reference: Literal["true", "magnetic"] = "true"
-    declination_deg: Finite | None = None
-
-
-class Attitude(Heading):
-    """An attitude and heading reference: sigma of heading, and of roll and pitch."""
-
-    sigma_tilt_deg: Positive
-
-
-class Gnss(Sensor):
-    """Satellite positions; the height is used only when asked for."""
-
-    sigma_m: Positive
-    vertical: bool = False
-    sigma_vertical_m: Positive | None = None
-
-
-class PositionFix(Sensor):
-    """Positions solved elsewhere."""
-
-    sigma_m: Positive
-    sigma_depth_m: Positive | None = None
-    vertical: bool = True
-
-
-class ZeroVelocity(Sensor):
-    """Moments of rest."""
-
-    sigma_mps: Positive
-
-
-class AcousticRange(Sensor):
-    """Ranges to beacons; `range_max_m` says how long a two-way flight is awaited."""
-
-    sigma_m: Positive
-    sound_speed_mps: Positive = 1500.0
-    range_max_m: Positive = 5000.0
-    path: Literal["one_way", "two_way"] = "one_way"
-
-
-class Carried(Sensor):
-    """A sensor that no model of Leadline uses yet, or a user's own (`model`): any further key is handed to it."""
-
-    model_config = ConfigDict(extra="allow", strict=True)
-
-
-BY_KIND: Mapping[str, type[Sensor]] = {
-    "imu": Imu, "dvl": Dvl, "depth": Depth, "heading": Heading, "attitude": Attitude, "gnss": Gnss, "position_fix": PositionFix,
-    "zero_velocity": ZeroVelocity, "acoustic_range": AcousticRange,
-}  # fmt: skip
+    water: dict[str, Any] = Field(default_factory=dict)
+    seabed: dict[str, Any] = Field(default_factory=dict)
+    clocks: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    points: dict[str, Point] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -195,6 +62,12 @@ SHARED: Mapping[str, Mapping[str, NuisanceKeys]] = {
     "seabed": {"depth": NuisanceKeys("m")},
     "clocks": {"offset": NuisanceKeys("s"), "drift": NuisanceKeys("ppm")},
 }
+DOPPLER: Mapping[str, NuisanceKeys] = {
+    "scale": NuisanceKeys("percent"),
+    "mounting": NuisanceKeys("deg", 3),
+    "bias": NuisanceKeys("mps", 3),
+    "beam_bias": NuisanceKeys("mps", 4),
+}
 NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
     "imu": {
         "gyro_scale": NuisanceKeys("percent", 3),
@@ -202,10 +75,18 @@ NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
         "gyro_misalignment": NuisanceKeys("deg", 6),
         "accel_misalignment": NuisanceKeys("deg", 6),
     },
-    "dvl": {"scale": NuisanceKeys("percent"), "mounting": NuisanceKeys("deg", 3), "bias": NuisanceKeys("mps", 3)},
+    "dvl": DOPPLER,
+    "water_velocity": DOPPLER,
+    "speed": {"scale": NuisanceKeys("percent"), "bias": NuisanceKeys("mps")},
     "depth": {"datum": NuisanceKeys("m")},
-    "heading": {"bias": NuisanceKeys("deg")},
-    "attitude": {"bias": NuisanceKeys("deg", 3)},
+    "pressure": {"datum": NuisanceKeys("m"), "scale": NuisanceKeys("percent")},
+    "altimeter": {"bias": NuisanceKeys("m")},
+    "yaw_rate": {"bias": NuisanceKeys("deg_per_h"), "scale": NuisanceKeys("percent")},
+    "heading": {"bias": NuisanceKeys("deg"), "swing": NuisanceKeys("deg", 4)},
+    "attitude": {"bias": NuisanceKeys("deg", 3), "swing": NuisanceKeys("deg", 4)},
+    "gnss": {"bias": NuisanceKeys("m", 2)},
+    "position_fix": {"bias": NuisanceKeys("m", 2)},
+    "navigation": {"scale": NuisanceKeys("percent"), "rotation": NuisanceKeys("deg")},
     "acoustic_range": {"bias": NuisanceKeys("m"), "scale": NuisanceKeys("percent")},
 }
 
@@ -242,6 +123,8 @@ def check_sensor(raw: Mapping[str, Any], kind: str, where: str) -> dict[str, Any
     for key, value in checked.items():
         if _is_noise(key) and isinstance(value, (int, float)) and value < 0:
             raise InputError(f"{where}.{key}", shown(value), "0 or more")
+    if checked.get("declination") is not None and checked.get("declination_deg") is not None:
+        raise InputError(where, "has both 'declination' and 'declination_deg'", "give one of them")
     return checked
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.records import KINDS, AcousticRange, Dvl
+from leadline.data.sensor_keys import BY_KIND, COMMON
 from leadline.data.vehicle import mounting_deg, presets
-from leadline.data.vehicle_keys import BY_KIND, COMMON
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -34,6 +34,17 @@ model = "inertial"              # strapdown navigation, driven by the IMU named 
 imu = {imu}
 # clones = 1                    # past poses held at once; two-way ranges need one each
 """
+SHARED: Mapping[str, str] = {  # by a kind that needs it: what is no instrument's own
+    "altimeter": """\
+[seabed]
+depth = { value_m = 50.0, sigma_m = 100.0, tau_s = 600.0, steady_m = 20.0, length_m = 200.0 }  # of the sea bed below the vehicle
+""",
+    "water": """\
+[water]
+current = { sigma_mps = 0.3, tau_s = 3600.0, length_m = 2000.0 }  # north and east
+""",
+}
+AGAINST_WATER = ("water_velocity", "speed")
 EXPLAINED: Mapping[str, str] = {
     "kind": "what it measures",
     "preset": "instead of the figures below (delete them): {presets}",
@@ -44,7 +55,7 @@ EXPLAINED: Mapping[str, str] = {
     "repeats": "when equal values at new times are one measurement, held",
     "gate_probability": "a good measurement is accepted so often",
 }
-# Per kind: key, value and, in a line, what it means.  A key that begins with # is an offer.
+# Per kind: key, value and, in a line, what it means.  A key that begins with # is an offer; ## is one instead of a line above.
 FIGURES: Mapping[str, tuple[tuple[str, str, str], ...]] = {
     "imu": (
         ("gyro_noise_deg_per_rth", "0.15", "angle random walk"),
@@ -67,33 +78,81 @@ FIGURES: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("nuisance.scale", "{ sigma_percent = 0.5 }", "constant scale error: sound speed and factory"),
         ("nuisance.mounting", "{ sigma_deg = 0.5 }", "what is left of the mounting error, per axis"),
         ("#nuisance.bias", "{ sigma_mps = 0.005, tau_s = 60.0 }", "an error that wanders, where innovations are correlated in time"),
+        ("#altitude_sigma_m", "0.5", "of its altitude, to use it; [seabed] then says what is known of the depth"),
+    ),
+    "water_velocity": (
+        ("sigma_mps", "0.02", "of one axis, one ping, where the row gives none"),
+        ("#frame", '"sensor"', "of its velocities: sensor, body, level, ned"),
+        ("#use", '"velocity"', "or beams, each judged by itself; then give the two below"),
+        ("#beam_azimuth_deg", "[45.0, 135.0, 225.0, 315.0]", "of beam 1, 2, ...: from x towards y"),
+        ("#beam_tilt_deg", "25.0", "of the beams, off the z axis"),
+        ("nuisance.scale", "{ sigma_percent = 0.5 }", "constant scale error: sound speed and factory"),
+    ),
+    "speed": (
+        ("sigma_mps", "0.1", "of one reading"),
+        ("nuisance.scale", "{ sigma_percent = 10.0 }", "true speed = (1 + scale) times the measured one"),
+        ("#nuisance.bias", "{ sigma_mps = 0.05 }", "constant error of the speed"),
     ),
     "depth": (
         ("sigma_m", "0.05", "of one reading"),
         ("nuisance.datum", "{ sigma_m = 0.1 }", "constant error: air pressure, calibration"),
     ),
+    "pressure": (
+        ("sigma_pa", "200.0", "of one reading"),
+        ("#density_kgpm3", "1025.0", "of the water; without it that of the standard ocean at its depth"),
+        ("#gravity_mps2", "9.81", "without it by the latitude"),
+        ("atmosphere_pa", "101325.0", "where the row gives none"),
+        ("nuisance.datum", "{ sigma_m = 0.2 }", "constant error: air pressure, calibration"),
+        ("#nuisance.scale", "{ sigma_percent = 0.3 }", "constant error of the density"),
+    ),
+    "altimeter": (
+        ("sigma_m", "0.2", "of one distance, where the row gives none: also the roughness of the sea bed"),
+        ("#range_max_m", "100.0", "what is farther is out of range"),
+        ("#nuisance.bias", "{ sigma_m = 0.1 }", "constant error of the distance"),
+    ),
+    "yaw_rate": (
+        ("noise_deg_per_rth", "0.1", "angle random walk"),
+        ("#earth_rate", '"removed"', "where the instrument takes the Earth's rate off itself"),
+        ("nuisance.bias", "{ sigma_deg_per_h = 10.0 }", "constant error of the rate"),
+    ),
+    "navigation": (
+        ("use", '"none"', "or increments: how far it went between two rows, never where it is"),
+        ("#increment_s", "10.0", "length of an increment"),
+        ("#sigma_rate_m_per_rts", "0.1", "sigma of an increment, per root second"),
+        ("#sigma_distance_percent", "1.0", "and as a share of the distance"),
+        ("#nuisance.scale", "{ sigma_percent = 1.0 }", "its distances = (1 + scale) times the true ones"),
+        ("#nuisance.rotation", "{ sigma_deg = 2.0 }", "its displacements are turned by so much, clockwise"),
+    ),
     "heading": (
         ("sigma_deg", "1.0", "of one reading"),
-        ("#reference", '"magnetic"', "then give the declination, positive east"),
-        ("#declination_deg", "0.0", "added to a magnetic heading"),
+        ("#reference", '"magnetic"', "then give the declination, or the model of the field"),
+        ("#declination_deg", "0.0", "added to a magnetic heading, positive east"),
+        ("##declination", '"wmm"', "instead: by the World Magnetic Model, at the log's epoch and origin"),
+        ("#nuisance.swing", "{ sigma_deg = 3.0 }", "deviation over the heading: sine, cosine, and those of twice the heading"),
         ("nuisance.bias", "{ sigma_deg = 2.0 }", "constant error: mounting and, of a compass, the vehicle's iron"),
     ),
     "attitude": (
         ("sigma_tilt_deg", "0.5", "of roll and pitch, one reading"),
         ("sigma_deg", "1.0", "of heading, one reading"),
-        ("#reference", '"magnetic"', "then give the declination, positive east"),
-        ("#declination_deg", "0.0", "added to a magnetic heading"),
+        ("#reference", '"magnetic"', "then give the declination, or the model of the field"),
+        ("#declination_deg", "0.0", "added to a magnetic heading, positive east"),
+        ("##declination", '"wmm"', "instead: by the World Magnetic Model, at the log's epoch and origin"),
         ("nuisance.bias", "{ sigma_deg = [0.3, 0.3, 2.0] }", "constant errors of roll, pitch, heading"),
+        ("##nuisance.bias", "{ sigma_deg = [0.3, 0.3, 1.0], tau_s = 300.0 }", "instead: errors that wander, as of an AHRS"),
     ),
     "gnss": (
         ("sigma_m", "2.0", "of north and east, where the row gives none"),
         ("vertical", "false", "whether its height is used"),
         ("#sigma_vertical_m", "4.0", "of the height"),
+        ("#sigma_velocity_mps", "0.1", "of its velocity, where the row gives none; without any it is not used"),
+        ("#sigma_per_hdop_m", "1.5", "where the row gives an hdop and no sigma"),
+        ("#surface_depth_m", "0.5", "a fix of an antenna that must be deeper is out of range"),
     ),
     "position_fix": (
         ("sigma_m", "2.0", "of north and east, where the row gives none"),
         ("vertical", "true", "whether its depth is used, if it has one"),
         ("#sigma_depth_m", "2.0", "of the depth"),
+        ("#nuisance.bias", "{ sigma_m = 2.0, tau_s = 120.0 }", "error that neighbouring fixes share"),
     ),
     "zero_velocity": (("sigma_mps", "0.01", "of standing still, where the row gives none"),),
     "acoustic_range": (
@@ -123,8 +182,8 @@ EXAMPLE = (
     Entry("imu", "imu", 100.0), Entry("dvl", "dvl", 5.0), Entry("depth", "depth", 10.0), Entry("heading", "heading", 10.0),
     Entry("attitude", "attitude", 50.0), Entry("gnss", "gnss", 1.0), Entry("usbl", "position_fix", 0.1),
     Entry("ranges", "acoustic_range", 0.2), Entry("standstill", "zero_velocity"), Entry("magnetometer", "magnetometer", 50.0),
-    Entry("yaw_rate", "yaw_rate", 100.0), Entry("speed", "speed", 1.0),
-    Entry("altimeter", "altimeter", 5.0), Entry("pressure", "pressure", 5.0),
+    Entry("yaw_rate", "yaw_rate", 100.0), Entry("speed", "speed", 1.0), Entry("water_velocity", "water_velocity", 5.0),
+    Entry("altimeter", "altimeter", 5.0), Entry("pressure", "pressure", 5.0), Entry("navigation", "navigation", 1.0),
 )  # fmt: skip
 
 
@@ -139,7 +198,8 @@ def template(log: Log | None = None) -> str:
     process = PROCESS.format(imu=f"{_text(imus[0]) if imus else _text('imu'):<26}# the name of its table")
     if not imus:
         process += "# The log has no table of kind imu: record one, and name it here.\n"
-    blocks = [_block(entry, log is not None) for entry in entries]
+    kinds = {entry.kind for entry in entries} | ({"water"} if any(entry.kind in AGAINST_WATER for entry in entries) else set())
+    blocks = [_block(entry, log is not None) for entry in entries] + [text for kind, text in SHARED.items() if kind in kinds]
     return "\n".join([HEAD if imus else NO_IMU + HEAD, f"name = {_text(name)}\n", process, *blocks])
 
 
@@ -190,7 +250,7 @@ def _common(entry: Entry, from_log: bool) -> Iterator[str]:
 
 
 def _line(key: str, value: str, comment: str) -> str:
-    setting = f"# {key[1:]} = {value}" if key.startswith("#") else f"{key} = {value}"
+    setting = f"# {key.lstrip('#')} = {value}" if key.startswith("#") else f"{key} = {value}"
     return f"{setting:<48} # {comment}"
 
 
@@ -257,7 +317,7 @@ def notes(vehicle: Vehicle, log: Log | None = None) -> list[str]:
         if sensor.kind == "imu" and name != vehicle.process.imu:
             found.append(f"{name}: a further IMU; the process model is driven by {vehicle.process.imu} alone")
         if sensor.values.get("reference") == "magnetic" and sensor.values.get("declination") is None:
-            found.append(f"{name}: its heading is magnetic and it has no declination_deg")
+            found.append(f"{name}: its heading is magnetic and it has no declination")
     if log is None:
         return found
     found += [f"{name}: in the vehicle, but the log has no such table" for name in vehicle.sensors if name not in log.tables]

@@ -139,7 +139,7 @@ def _tilt(source: Source, time: float) -> tuple[float, float, float]:
     if initial.roll is not None and initial.pitch is not None:
         return initial.roll, initial.pitch, SIGMA_TILT
     if found := source.first("attitude", "quaternion", time) or source.first("attitude", "roll", time):
-        roll, pitch, _ = attitude.euler_from_quaternion(measured_quaternion(*found)[0])
+        roll, pitch, _ = attitude.euler_from_quaternion(measured_quaternion(*found, source.context)[0])
         return float(roll), float(pitch), 2.0 * found[0].value("sigma_tilt")
     imu = _imu(source)
     if imu is None:
@@ -157,9 +157,9 @@ def _heading(source: Source, time: float) -> tuple[float, float]:
     if source.log.initial.heading is not None:
         return source.log.initial.heading, SIGMA_HEADING
     if found := source.first("attitude", "quaternion", time) or source.first("attitude", "heading", time):
-        return float(attitude.euler_from_quaternion(measured_quaternion(*found)[0])[2]), 2.0 * found[0].value("sigma")
+        return float(attitude.euler_from_quaternion(measured_quaternion(*found, source.context)[0])[2]), 2.0 * found[0].value("sigma")
     if found := source.first("heading", "heading", time):
-        return float(true_heading(*found)[0]), 2.0 * found[0].value("sigma")
+        return float(true_heading(*found, source.context)[0]), 2.0 * found[0].value("sigma")
     return 0.0, np.inf
 
 

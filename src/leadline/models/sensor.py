@@ -114,6 +114,7 @@ class Sensor:
     channels: tuple[Channel, ...]
     read: Callable[[Any], Reading]  # of a table of the sensor's kind
     flight: float = 0.0  # the longest time between two epochs of a row (s)
+    before: float = 0.0  # how far back `read` must see earlier rows of the table, to make of the last one what the whole table makes (s)
 
 
 def reading(table: Table, *rows: Rows, outcome: npt.NDArray[np.int64] | None = None) -> Reading:

@@ -1,7 +1,8 @@
 """Attitude from an AHRS: z = log(R_predicted R_measured^T) + bias, in level axes along the measured heading.
 
-The components are the errors of roll, pitch and heading, without the singularity of the angles.
-Row: 0 0 0, measured quaternion body -> north-east-down 4, cosine and sine of its heading, variances 3.  Nuisance: bias 3.
+The components are the errors of roll, pitch and heading, without the singularity of the angles.  To that of heading the deviation of a
+magnetic instrument is added (heading.py).  Row: 0 0 0, measured quaternion body -> north-east-down 4, cosine and sine of its heading,
+variances 3.  Nuisances: bias 3 (with a `tau` each axis is a Gauss-Markov process: the coloured error of an AHRS), swing 4.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from leadline.core import attitude
 from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load4, logarithm, product
 from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, sigmas, usable
-from leadline.models.sensors.heading import declination
+from leadline.models.sensors.heading import declination, swing, swing_of
 from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, north_slope, wander
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     c, s = row[LEVEL_R], row[LEVEL_R + 1]
     z[0] = c * e[0] + s * e[1] + nuisance[0]
     z[1] = -s * e[0] + c * e[1] + nuisance[1]
-    z[2] = e[2] + nuisance[2]
+    z[2] = e[2] + nuisance[2] + swing(nuisance, 3, s, c, 2, Hn)
     # inverse left Jacobian I - [e]x / 2 + [e]x^2 / 12, then from the navigation frame to level axes along the measured heading
     cw, sw = np.cos(2.0 * half), np.sin(2.0 * half)
     square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -58,23 +59,24 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     return 0
 
 
-def measured_quaternion(config: SensorConfig, table: Attitude) -> Array:
+def measured_quaternion(config: SensorConfig, table: Attitude, context: Context) -> Array:
     """Return body -> true north-east-down (n, 4) of an attitude table."""
     if table.quaternion is not None:
         q = table.quaternion / np.linalg.norm(table.quaternion, axis=1, keepdims=True)
     else:
         q = attitude.quaternion_from_euler(*map(np.asarray, (table.roll, table.pitch, table.heading)))
-    north = attitude.quaternion_from_euler(0.0, 0.0, declination(config))
+    north = attitude.quaternion_from_euler(0.0, 0.0, declination(config, context))
     mounting = attitude.conjugate(attitude.quaternion_from_matrix(config.rotation_bs))
     return attitude.product(attitude.product(north, q), mounting)
 
 
 def compose(config: SensorConfig, context: Context) -> Sensor:
     """Compose an attitude sensor."""
+    declination(config, context)  # refused now rather than at the first row
     default = np.array([config.value("sigma_tilt"), config.value("sigma_tilt"), config.value("sigma")])
 
     def read(table: Attitude) -> Reading:
-        q = measured_quaternion(config, table)
+        q = measured_quaternion(config, table, context)
         given = table.sigma
         sigma = np.stack([sigmas(None if given is None else given[:, i], d, len(table)) for i, d in enumerate(default)], axis=1)
         heading = attitude.euler_from_quaternion(q)[2]
@@ -82,5 +84,5 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, data, usable(table)))
 
     bias = nuisances(config, "bias", 3, "rad", "level, along the heading")
-    channel = Channel(("roll", "pitch", "heading"), predict, np.zeros(1), 12, bias, angles=(True, True, True))
+    channel = Channel(("roll", "pitch", "heading"), predict, np.zeros(1), 12, bias + swing_of(config), angles=(True, True, True))
     return Sensor(config, (channel,), read)

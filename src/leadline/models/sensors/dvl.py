@@ -1,20 +1,23 @@
-"""Doppler log over the bottom, as a vector or beam by beam.
+"""Doppler log over the bottom, as a vector or beam by beam; and the kernels that it shares with one through the water.
 
     y = R_bs^T R_nb^T v,  a = R_bs^T (w x l)     velocity over ground of the reference point, and of the transducer against it
     z = (1 + s) (y - e x y) + a + b              vector: scale s, small mounting error e (rad), bias b (m/s), sensor axes
-    z = d . ((1 + s) (y - e x y) + a + b)        beam with outward direction d: positive when the sensor moves along it
+    z = d . ((1 + s) (y - e x y) + a + b) + c    beam with outward direction d: positive when the sensor moves along it; bias c (m/s)
+    z = seabed - depth of the transducer         altitude, vertical, where `altitude_sigma` is given (altimeter.py)
 
 Scale and mounting act on y alone: the noise of the rate in a would meet itself in their Jacobian and pull them away, ping by ping;
 what this leaves out is the scale error of a few centimetres per second.
 
 Vector row: velocity 3, covariance xx yy zz xy xz yz.  Beam row: velocity, variance, direction 3.  Parameters: rotation_bs 9,
 lever_arm_b 3, and for levelled velocities whether their first axis is north (1) or the heading (0).  Nuisances: scale,
-mounting 3, bias 3 (levelled velocities: scale alone).  The mounting error is to first order: 1e-4 of the speed at one degree.
+mounting 3, bias 3 (levelled velocities: scale alone), of a beam its own bias, and last the current 2 of a log through the water.
+The mounting error is to first order: 1e-4 of the speed at one degree.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -22,7 +25,8 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import cross, load3, load_matrix, turn, turn_back
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, reading, sigmas, usable
+from leadline.models.sensor import Channel, Context, Reading, Rows, Sensor, filled, finite_rows, nuisances, nuisances_of, reading, usable
+from leadline.models.sensors import altimeter
 from leadline.models.view import (
     ATTITUDE_T,
     POSITION_T,
@@ -39,12 +43,15 @@ from leadline.models.view import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    import numpy.typing as npt
 
     from leadline.data.records import Array, Dvl
     from leadline.data.vehicle import SensorConfig
+    from leadline.models.nuisance import Nuisance
 
+Kernels: TypeAlias = tuple[Any, Any, Any]  # for a vector in sensor axes, for one in level axes, for a beam
 LEVER_P, NORTH_P = 9, 12
+BEAM_N = 7  # place of the bias of a beam among its nuisances
 FRAMES = ("sensor", "body", "level", "ned")  # channel by frame
 BEAM_CHANNEL = len(FRAMES)
 
@@ -66,18 +73,17 @@ def read_covariance(row, at, R):
 
 
 @kernel()
-def velocities(views, params):
-    """Velocity of the reference point, and of the transducer against it, both in body axes."""
-    b = turn_back(load_matrix(views, QUATERNION_V), load3(views, VELOCITY_V))
-    return b, cross(load3(views, RATE_V), load3(params, LEVER_P))
+def over_ground(views):
+    """Velocity of the reference point over ground, navigation frame."""
+    return load3(views, VELOCITY_V)
 
 
 @kernel()
-def write_row(Hv, i, views, params, g, h):
+def write_row(Hv, i, v, views, lever, g, h):
     """Jacobian of g . R_nb^T v + h . (w x l), with g and h in body axes, into row i."""
     n = turn(load_matrix(views, QUATERNION_V), g)
-    t = cross(n, load3(views, VELOCITY_V))
-    r = cross(load3(params, LEVER_P), h)
+    t = cross(n, v)
+    r = cross(lever, h)
     for j in range(3):
         Hv[i, VELOCITY_T + j] = n[j]
         Hv[i, ATTITUDE_T + j] = t[j]
@@ -85,10 +91,10 @@ def write_row(Hv, i, views, params, g, h):
 
 
 @kernel()
-def along(d, views, nuisance, params, i, Hv, Hn):
-    """Velocity along the direction d of the sensor frame; its Jacobians go to row i."""
-    mounting = mounting_of(params)
-    body, arm = velocities(views, params)
+def along(d, v, views, nuisance, params, i, Hv, Hn):
+    """Velocity along the direction d of the sensor frame, with v that of the reference point; its Jacobians go to row i."""
+    mounting, lever = mounting_of(params), load3(params, LEVER_P)
+    body, arm = turn_back(load_matrix(views, QUATERNION_V), v), cross(load3(views, RATE_V), lever)
     y, a = turn_back(mounting, body), turn_back(mounting, arm)
     scale, e = 1.0 + nuisance[0], load3(nuisance, 1)
     de, ue = cross(d, y), cross(d, e)  # d . -(e x y) = e . (d x y) = y . (e x d)
@@ -98,33 +104,32 @@ def along(d, views, nuisance, params, i, Hv, Hn):
         Hn[i, 1 + j] = scale * de[j]
         Hn[i, 4 + j] = d[j]
     g = (scale * (d[0] - ue[0]), scale * (d[1] - ue[1]), scale * (d[2] - ue[2]))
-    write_row(Hv, i, views, params, turn(mounting, g), turn(mounting, d))
+    write_row(Hv, i, v, views, lever, turn(mounting, g), turn(mounting, d))
     rest = (a[0] + nuisance[4], a[1] + nuisance[5], a[2] + nuisance[6])
     return scale * part + d[0] * rest[0] + d[1] * rest[1] + d[2] * rest[2]
 
 
-@kernel(SENSOR)
-def predict_vector(views, nuisance, row, params, z, R, Hv, Hn):
+@kernel()
+def vector(v, views, nuisance, row, params, z, R, Hv, Hn):
     """Velocity in the axes of the sensor."""
-    z[0] = along((1.0, 0.0, 0.0), views, nuisance, params, 0, Hv, Hn)
-    z[1] = along((0.0, 1.0, 0.0), views, nuisance, params, 1, Hv, Hn)
-    z[2] = along((0.0, 0.0, 1.0), views, nuisance, params, 2, Hv, Hn)
+    z[0] = along((1.0, 0.0, 0.0), v, views, nuisance, params, 0, Hv, Hn)
+    z[1] = along((0.0, 1.0, 0.0), v, views, nuisance, params, 1, Hv, Hn)
+    z[2] = along((0.0, 0.0, 1.0), v, views, nuisance, params, 2, Hv, Hn)
     read_covariance(row, 3, R)
-    return 0
 
 
-@kernel(SENSOR)
-def predict_beam(views, nuisance, row, params, z, R, Hv, Hn):
+@kernel()
+def beam(v, views, nuisance, row, params, z, R, Hv, Hn):
     """Velocity along one beam."""
-    z[0] = along(load3(row, 2), views, nuisance, params, 0, Hv, Hn)
+    z[0] = along(load3(row, 2), v, views, nuisance, params, 0, Hv, Hn) + nuisance[BEAM_N]
+    Hn[0, BEAM_N] = 1.0
     R[0, 0] = row[1]
-    return 0
 
 
-@kernel(SENSOR)
-def predict_level(views, nuisance, row, params, z, R, Hv, Hn):
+@kernel()
+def level(v, views, nuisance, row, params, z, R, Hv, Hn):
     """Velocity in level axes, along north and east or along the heading and to starboard of it; scale alone applies."""
-    c, v = load_matrix(views, QUATERNION_V), load3(views, VELOCITY_V)
+    c = load_matrix(views, QUATERNION_V)
     lever = turn(c, cross(load3(views, RATE_V), load3(params, LEVER_P)))
     north = params[NORTH_P] != 0.0
     angle = wander(views) if north else wander(views) - heading_of(views)
@@ -146,13 +151,33 @@ def predict_level(views, nuisance, row, params, z, R, Hv, Hn):
         if north:
             Hv[0, POSITION_T + j], Hv[1, POSITION_T + j] = -z[1] * slope[j], z[0] * slope[j]
     if not north:  # the level axes turn with the heading: d ahead = starboard, d starboard = -ahead
-        level = c[0] * c[0] + c[3] * c[3]
+        square = c[0] * c[0] + c[3] * c[3]
         for i in range(2):
             turned = z[1] if i == 0 else -z[0]
-            Hv[i, ATTITUDE_T] -= turned * c[0] * c[6] / level
-            Hv[i, ATTITUDE_T + 1] -= turned * c[3] * c[6] / level
+            Hv[i, ATTITUDE_T] -= turned * c[0] * c[6] / square
+            Hv[i, ATTITUDE_T + 1] -= turned * c[3] * c[6] / square
             Hv[i, ATTITUDE_T + 2] += turned
     read_covariance(row, 3, R)
+
+
+@kernel(SENSOR)
+def predict_vector(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity over ground in the axes of the sensor."""
+    vector(over_ground(views), views, nuisance, row, params, z, R, Hv, Hn)
+    return 0
+
+
+@kernel(SENSOR)
+def predict_beam(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity over ground along one beam."""
+    beam(over_ground(views), views, nuisance, row, params, z, R, Hv, Hn)
+    return 0
+
+
+@kernel(SENSOR)
+def predict_level(views, nuisance, row, params, z, R, Hv, Hn):
+    """Velocity over ground in level axes."""
+    level(over_ground(views), views, nuisance, row, params, z, R, Hv, Hn)
     return 0
 
 
@@ -169,11 +194,15 @@ def beam_directions(config: SensorConfig, count: int) -> Array:
 
 
 def _covariance(config: SensorConfig, table: Dvl) -> Array:
-    """Covariance (n, 6) as xx yy zz xy xz yz: from the row where given, else the configured sigma."""
-    given = table.sigma
-    sigma = np.stack([sigmas(None if given is None else given[:, i], config.value("sigma"), len(table)) for i in range(3)], axis=1)
+    """Covariance (n, 6) as xx yy zz xy xz yz: from the row where given, else by its figure of merit where asked, else as configured."""
+    given, per_fom = table.sigma, config.values.get("sigma_per_fom")
+    default = np.full(len(table), config.value("sigma"))
+    if per_fom is not None and table.fom is not None:
+        default = np.where(np.isfinite(table.fom), per_fom * table.fom, default)
+    own = np.full((len(table), 3), np.nan) if given is None else np.asarray(given)
+    sigma = np.where(np.isfinite(own), own, default[:, None])
     mixed = np.zeros((len(table), 3)) if table.covariance is None else np.nan_to_num(table.covariance)
-    return np.column_stack([sigma**2, mixed])
+    return np.column_stack([np.where(sigma > 0.0, sigma, np.nan) ** 2, mixed])
 
 
 def _vector_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
@@ -189,6 +218,9 @@ def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...
     beam = np.asarray(table.beam)
     directions = beam_directions(config, beam.shape[1])
     valid = np.ones(beam.shape, bool) if table.beam_valid is None else np.nan_to_num(table.beam_valid) != 0
+    least = config.values.get("correlation_min")
+    if least is not None and table.beam_correlation is not None:
+        valid &= ~(table.beam_correlation < least)
     variance = config.value("beam_sigma", config.value("sigma")) ** 2
     parts = []
     for i, direction in enumerate(directions):
@@ -197,35 +229,69 @@ def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...
     return tuple(parts)
 
 
-def compose(config: SensorConfig, context: Context) -> Sensor:
-    """Compose a Doppler log."""
-    lever, scale = context.lever(config), nuisances(config, "scale", 1, "1")
-    axes_nuisances = nuisances(config, "mounting", 3, "rad", "sensor") + nuisances(config, "bias", 3, "m/s", "sensor")
-    needs = frozenset({VELOCITY, RATE})
+def trusted(config: SensorConfig, table: Dvl) -> Array:
+    """Return which rows (n,) the instrument calls valid and whose figure of merit and error velocity are small enough."""
+    good = usable(table)
+    for name, column in (("fom_max", table.fom), ("error_velocity_max", table.error_velocity)):
+        if config.values.get(name) is not None and column is not None:
+            good = good & ~(np.abs(column) > config.values[name])
+    return np.asarray(good)
 
-    def channel(components: tuple[str, ...], predict: Callable[..., Any], rotation: Array, north: float, length: int) -> Channel:
+
+def beam_biases(config: SensorConfig, count: int) -> list[tuple[Nuisance, ...]]:
+    """Return the bias of each beam as a nuisance of its own, beam_bias1, beam_bias2, ..."""
+    prior, names = config.nuisance.get("beam_bias"), [f"{config.name}.beam_bias{i + 1}" for i in range(count)]
+    own = [None if prior is None else replace(prior, value=prior.value[i : i + 1], sigma=prior.sigma[i : i + 1]) for i in range(count)]
+    return [nuisances_of(alone, name, 1, "m/s") for alone, name in zip(own, names, strict=True)]
+
+
+def doppler_channels(config: SensorConfig, context: Context, kernels: Kernels, current: tuple[Nuisance, ...]) -> tuple[Channel, ...]:
+    """Return the channels of a Doppler log: a vector by frame, then beams; `kernels` for vector, level and beam, `current` last."""
+    lever, scale = context.lever(config), nuisances(config, "scale", 1, "1")
+    own = scale + nuisances(config, "mounting", 3, "rad", "sensor") + nuisances(config, "bias", 3, "m/s", "sensor")
+    vector, level, beam = kernels
+
+    def channel(components: tuple[str, ...], predict: Any, rotation: Array, north: float, more: tuple[Nuisance, ...] = ()) -> Channel:
         parameters = np.array([*rotation.ravel(), *lever, north])
-        return Channel(components, predict, parameters, length, scale + axes_nuisances, requires=needs, bounds_drift=True)
+        length = 5 if len(components) == 1 else 9
+        needs, grounded = frozenset({VELOCITY, RATE}), not current
+        return Channel(components, predict, parameters, length, own + more + current, requires=needs, bounds_drift=grounded)
 
     axes = ("velocity_x", "velocity_y", "velocity_z")
-    beams = range(len(config.values.get("beam_azimuth") or ()))
-    channels = (
-        channel(axes, predict_vector, config.rotation_bs, 0.0, 9),
-        channel(axes, predict_vector, np.eye(3), 0.0, 9),
-        channel(axes, predict_level, np.eye(3), 0.0, 9),
-        channel(("velocity_north", "velocity_east", "velocity_down"), predict_level, np.eye(3), 1.0, 9),
-        *(channel((f"beam{i + 1}",), predict_beam, config.rotation_bs, 0.0, 5) for i in beams),
+    beams = beam_biases(config, len(config.values.get("beam_azimuth") or ()))
+    return (
+        channel(axes, vector, config.rotation_bs, 0.0),
+        channel(axes, vector, np.eye(3), 0.0),
+        channel(axes, level, np.eye(3), 0.0),
+        channel(("velocity_north", "velocity_east", "velocity_down"), level, np.eye(3), 1.0),
+        *(channel((f"beam{i + 1}",), beam, config.rotation_bs, 0.0, bias) for i, bias in enumerate(beams)),
     )
 
+
+def doppler_rows(config: SensorConfig, table: Dvl) -> tuple[tuple[Rows, ...], npt.NDArray[np.int64]]:
+    """Return the rows of a Doppler log by channel, and the outcome of each row of the table so far."""
+    by_beam = config.value("use", "velocity") == "beams" or table.velocity is None
+    if by_beam and table.beam is None:
+        raise InputError(f"sensors.{config.name}.use", "is 'beams'", "the table has no beam1_mps, beam2_mps, ...")
+    values = np.asarray(table.beam if by_beam else table.velocity)
+    fast = np.nanmax(np.abs(np.nan_to_num(values)), axis=1) > config.value("speed_max", 10.0)
+    parts = (_beam_rows if by_beam else _vector_rows)(config, table, trusted(config, table) & ~fast)
+    return parts, np.where(fast, int(Outcome.OUT_OF_RANGE), int(Outcome.USED))
+
+
+def compose(config: SensorConfig, context: Context) -> Sensor:
+    """Compose a Doppler log over the bottom; its altitude is used where `altitude_sigma` is given."""
+    channels = doppler_channels(config, context, (predict_vector, predict_level, predict_beam), ())
+    sigma, at = config.values.get("altitude_sigma"), len(channels)
+    if sigma is not None:
+        channels = (*channels, altimeter.altitude_channel(config, context))
+
     def read(table: Dvl) -> Reading:
-        good = usable(table)
-        by_beam = config.value("use", "velocity") == "beams" or table.velocity is None
-        if by_beam and table.beam is None:
-            raise InputError(f"sensors.{config.name}.use", "is 'beams'", "the table has no beam1_mps, beam2_mps, ...")
-        values = np.asarray(table.beam if by_beam else table.velocity)
-        fast = np.nanmax(np.abs(np.nan_to_num(values)), axis=1) > config.value("speed_max", 10.0)
-        outcome = np.where(fast, int(Outcome.OUT_OF_RANGE), int(Outcome.USED))
-        parts = (_beam_rows if by_beam else _vector_rows)(config, table, good & ~fast)
+        parts, outcome = doppler_rows(config, table)
+        if sigma is not None and table.altitude is not None:
+            altitude = np.where(table.altitude > 0.0, table.altitude, np.nan)
+            heights = np.column_stack([altitude, np.full(len(table), sigma**2)])
+            parts = (*parts, finite_rows(at, heights, usable(table) & (outcome == Outcome.USED)))
         return reading(table, *parts, outcome=outcome)
 
     return Sensor(config, channels, read)

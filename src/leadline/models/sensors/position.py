@@ -1,6 +1,7 @@
-"""Horizontal position: z = the level offset of the predicted point from the measured one, north and east; measured value 0 0.
+"""Horizontal position: z = the level offset of the predicted point from the measured one, north and east, + bias; measured value 0 0.
 
-Row: 0 0, measured point Earth-fixed 3, variance north, variance east, covariance.  Parameters: lever_arm_b 3.
+Row: 0 0, measured point Earth-fixed 3, variance north, variance east, covariance.  Parameters: lever_arm_b 3.  Nuisance: bias 2 (m), with
+a `tau` the coloured error of fixes that were filtered or share a sound speed.
 The height of a fix, where it is used, goes through the depth channel: its errors are of another kind than the horizontal ones.
 """
 
@@ -14,7 +15,7 @@ from leadline.core.compiled import SENSOR, kernel
 from leadline.core.earth import earth_fixed
 from leadline.core.rotation import load3, load_matrix, turn, turn_back
 from leadline.models.nuisance import Nuisance
-from leadline.models.sensor import Channel, Context, sigmas
+from leadline.models.sensor import Channel, Context, nuisances, sigmas
 from leadline.models.sensors import depth
 from leadline.models.view import ATTITUDE_T, PLACE_V, POSITION_T, QUATERNION_V, wander
 
@@ -35,7 +36,8 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     angle = wander(views)
     c, s = np.cos(angle), np.sin(angle)
     x, y = n[0] + a[0], n[1] + a[1]
-    z[0], z[1] = c * x - s * y, s * x + c * y
+    z[0], z[1] = c * x - s * y + nuisance[0], s * x + c * y + nuisance[1]
+    Hn[0, 0] = Hn[1, 1] = 1.0
     Hv[0, POSITION_T], Hv[0, POSITION_T + 1] = c, -s
     Hv[1, POSITION_T], Hv[1, POSITION_T + 1] = s, c
     # d(R l) = dtheta x a
@@ -57,7 +59,12 @@ def sigma_of(axes: Array | None, single: Array | None, default: tuple[float, flo
     return np.stack([sigmas(single, d, count) for d in (default[0], *default)], axis=1)
 
 
+def bias_of(config: SensorConfig) -> tuple[Nuisance, ...]:
+    """Return the bias of positions, north and east, as nuisances."""
+    return nuisances(config, "bias", 2, "m", "north-east")
+
+
 def channels(config: SensorConfig, context: Context) -> tuple[Channel, Channel]:
     """Return the horizontal channel, and the one that compares depths."""
-    horizontal = Channel(("north", "east"), predict, context.lever(config), ROW, bounds_drift=True)
+    horizontal = Channel(("north", "east"), predict, context.lever(config), ROW, bias_of(config), bounds_drift=True)
     return horizontal, depth.channel(config, context, "down", (Nuisance(f"{config.name}.datum"),))

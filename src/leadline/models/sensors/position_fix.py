@@ -28,9 +28,11 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         else:
             latitude, longitude = context.geographic(np.asarray(table.north), np.asarray(table.east), config.name)
         point = context.position_e(latitude, longitude, filled(table.depth, 0.0, count))
-        parts = [finite_rows(0, rows_of(point, sigma[:, :2], filled(table.cov_north_east, 0.0, count)), usable(table))]
+        covariance = filled(table.cov_north_east, 0.0, count)
+        good = usable(table) & ~(np.abs(covariance) >= sigma[:, 0] * sigma[:, 1])  # what is not positive definite is no covariance
+        parts = [finite_rows(0, rows_of(point, sigma[:, :2], covariance), good)]
         if vertical and table.depth is not None:
-            parts.append(finite_rows(1, np.stack([table.depth, sigma[:, 2] ** 2], axis=1), usable(table)))
+            parts.append(finite_rows(1, np.stack([table.depth, sigma[:, 2] ** 2], axis=1), good))
         outcome = np.where(np.abs(latitude) > np.pi / 2, int(Outcome.INVALID), int(Outcome.USED))
         return reading(table, *parts, outcome=outcome)
 
