@@ -74,6 +74,8 @@ def lost_after(solution: Solution) -> float | None:
     rows = (s.latitude, s.longitude, s.depth, s.north, s.east, s.covariance.reshape(len(s), 81))
     bad = s.status == Status.LOST
     for values in rows:
+        if len(values) and values.max() < ABSURD and values.min() > -ABSURD:  # false where there is a nan
+            continue
         good = np.isfinite(values) & (np.abs(values) < ABSURD)
         bad = bad | ~(good if good.ndim == 1 else good.all(axis=1))
     return float(s.time[np.argmax(bad)]) if bad.any() else None
@@ -91,6 +93,8 @@ def finite(solution: Solution) -> Solution:
 
 def _clean(values: Any) -> Any:
     """Return the values with nan for what is infinite or absurd; the array itself where nothing is."""
+    if not len(values) or (values.max() < ABSURD and values.min() > -ABSURD):  # false where there is a nan
+        return values
     with np.errstate(invalid="ignore"):
         wild = np.abs(values) >= ABSURD
     return np.where(wild, np.nan, values) if wild.any() else values

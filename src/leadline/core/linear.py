@@ -36,22 +36,30 @@ def inverse(A, B, n, stride):
 
 
 @kernel()
-def congruent(F, A, B, n, stride, work):
-    """B <- F^T A F for an n x n matrix F with rows of n numbers, and A, B with rows of `stride`; A and B may be the same."""
+def congruent(F, A, B, n, m, stride, work):
+    """B <- F^T A F for F (n x n, rows of n numbers) that is dense in its first m rows and columns and diagonal beyond.
+
+    A, B and `work` have rows of `stride` numbers; A and B may be the same.
+    """
     for i in range(n):
-        for j in range(n):
+        for j in range(m):
             work[i * stride + j] = 0.0
-        for k in range(n):
+        for k in range(m):
             a = A[i * stride + k]
-            if a != 0.0:
-                for j in range(n):
-                    work[i * stride + j] += a * F[k * n + j]
-    for i in range(n):
+            for j in range(m):
+                work[i * stride + j] += a * F[k * n + j]
+        for j in range(m, n):
+            work[i * stride + j] = A[i * stride + j] * F[j * n + j]
+    for i in range(m):
         for j in range(n):
             B[i * stride + j] = 0.0
-    for k in range(n):
-        for i in range(n):
+    for k in range(m):
+        for i in range(m):
             f = F[k * n + i]
             if f != 0.0:
                 for j in range(n):
                     B[i * stride + j] += f * work[k * stride + j]
+    for i in range(m, n):
+        f = F[i * n + i]
+        for j in range(n):
+            B[i * stride + j] = f * work[i * stride + j]

@@ -101,13 +101,20 @@ class Table:
 def _frozen(value: Any, text: bool) -> Any:
     if value is None:
         return None
+    if isinstance(value, np.ndarray) and value.base is None and not value.flags.writeable and value.dtype.kind == ("U" if text else "f"):
+        return value  # frozen already
     array = np.array(value, dtype=np.str_ if text else np.float64)
     array.setflags(write=False)
     return array
 
 
 def _chosen(value: Any, index: Any) -> Any:
-    return None if value is None else value[index]
+    if value is None:
+        return None
+    chosen = value[index]
+    if chosen.base is None:  # a copy, ours alone
+        chosen.setflags(write=False)
+    return chosen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

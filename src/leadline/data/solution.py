@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +103,13 @@ class Solution:
     def __len__(self) -> int:
         """Return the number of states."""
         return len(self.time)
+
+    def select(self, index: Any) -> Solution:
+        """Return the states that `index` (mask, slice or indices) selects; innovations and summary stay whole."""
+        states = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen: dict[str, Any] = {name: values[index] for name, values in states.items() if isinstance(values, np.ndarray)}
+        nuisances = {k: replace(e, value=e.value[index], sigma=e.sigma[index]) for k, e in self.nuisances.items()}
+        return replace(self, **chosen, nuisances=nuisances)
 
     @property
     def position_n(self) -> Array:

@@ -55,9 +55,10 @@ def looked_at(composition: Composition, events: Events, outcome: Integers, resul
 
 
 def innovations_of(log: Log, vehicle: Vehicle, looked: list[Innovations], outcome: Mapping[str, Integers]) -> Innovations:
-    """Put the entries of what was looked at together with one per row that was not: by table the outcome of each of its rows."""
+    """Put the entries of what was looked at (a list that is emptied) together with one per row that was not, by table and outcome."""
     outcomes = _all_outcomes(log, vehicle, outcome)
-    return _joined([*looked, *(_unused(name, log, verdicts) for name, verdicts in outcomes.items())])
+    looked += [_unused(name, log, verdicts) for name, verdicts in outcomes.items()]
+    return _joined(looked)
 
 
 def _all_outcomes(log: Log, vehicle: Vehicle, outcome: Mapping[str, Integers]) -> dict[str, Integers]:
@@ -99,12 +100,19 @@ def _unused(name: str, log: Log, verdicts: Integers) -> Innovations:
 
 
 def _joined(parts: list[Innovations]) -> Innovations:
-    """Put entries together in order of time; groups of rows that were not looked at are numbered on."""
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Innovations.__dataclass_fields__}
-    unnumbered = joined["group"] < 0
-    joined["group"][unnumbered] = (joined["group"].max(initial=-1) + 1) + np.arange(int(unnumbered.sum()))
-    order = np.argsort(joined["time"], kind="stable")
-    return Innovations(**{name: values[order] for name, values in joined.items()})
+    """Put entries together in order of time, and let go of the parts; groups of rows that were not looked at are numbered on."""
+    columns = {name: [getattr(part, name) for part in parts] for name in Innovations.__dataclass_fields__}
+    parts.clear()
+    time = np.concatenate(columns.pop("time"))
+    order = np.argsort(time, kind="stable")
+    joined: dict[str, Any] = {"time": time[order]}
+    group = np.concatenate(columns.pop("group"))
+    unnumbered = group < 0
+    group[unnumbered] = (group.max(initial=-1) + 1) + np.arange(int(unnumbered.sum()))
+    joined["group"] = group[order]
+    for name in list(columns):
+        joined[name] = np.concatenate(columns.pop(name))[order]
+    return Innovations(**joined)
 
 
 def summary_of(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, innovations: Innovations) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from leadline.data.outcome import Outcome
-from leadline.models.imu import INPUT_SIZE, InputStream
+from leadline.models.imu import INPUT_SIZE, TIME_M, InputStream
 from leadline.models.inertial import DEVICE_U, PRESENT_U
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from leadline.data.vehicle import SensorConfig
 
 FIRST, SECOND = 0, 1
+BLOCK = 60_000  # rows
 
 
 class Pushed(NamedTuple):
@@ -130,3 +131,58 @@ def spans_of(time: Array, data: Array, covered: float, units: tuple[str, str | N
             sensor = units[1] if kind[a] == 1 else units[0]
             found.append(Span("standby" if kind[a] == 1 else "gap", sensor or units[0], float(bounds[a]), float(bounds[b])))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Made:
+    """Inputs that stand in memory: start times (k,), ascending, and inputs (k, INPUT_SIZE)."""
+
+    time: Array
+    data: Array
+
+    def between(self, first: float, last: float) -> tuple[Array, Array]:
+        """Return the inputs that begin at first <= time < last."""
+        a, b = np.searchsorted(self.time, [first, last], side="left")
+        return self.time[a:b], self.data[a:b]
+
+
+class Conditioned:
+    """The inputs of one unit, made of its rows whenever they are asked for: a day of them is larger than the rows.
+
+    Before every `BLOCK` rows stands what the stream remembers there, so that any stretch can be made by itself, with the same bits.
+    """
+
+    def __init__(self, stream: InputStream, table: Imu) -> None:
+        """Go through a table in order of time once, for the outcomes (n,) of its rows, and the stretches without input."""
+        self.stream, self.table = stream, table
+        self.memories: list[Array] = []
+        self.gaps: list[tuple[float, float]] = []
+        outcomes = []
+        for block in range(0, len(table), BLOCK):
+            self.memories.append(stream.memory.copy())
+            time, data, outcome = stream.push(table.select(slice(block, block + BLOCK)))  # type: ignore[arg-type]
+            outcomes.append(outcome)
+            absent = np.flatnonzero(data[:, PRESENT_U] == 0.0).tolist()
+            self.gaps += [(float(time[i]), float(time[i + 1])) for i in absent]
+        self.outcome = np.concatenate(outcomes)
+        self.covered = stream.covered
+        self._kept: tuple[int, Array, Array] | None = None
+
+    def between(self, first: float, last: float) -> tuple[Array, Array]:
+        """Return the inputs that begin at first <= time < last."""
+        starts = np.array([m[TIME_M] for m in self.memories])  # a block's inputs begin at or after this
+        a = max(0, int(np.searchsorted(starts, first, side="right")) - 1)
+        b = max(a + 1, int(np.searchsorted(starts, last, side="left")))
+        made = [self._block(k) for k in range(a, min(b, len(starts)))]
+        time, data = np.concatenate([t for t, _ in made]), np.concatenate([d for _, d in made])
+        i, j = np.searchsorted(time, [first, last], side="left")
+        return time[i:j], data[i:j]
+
+    def _block(self, k: int) -> tuple[Array, Array]:
+        if self._kept is not None and self._kept[0] == k:
+            return self._kept[1:]
+        self.stream.memory = self.memories[k].copy()
+        time, data, _ = self.stream.push(self.table.select(slice(k * BLOCK, (k + 1) * BLOCK)))  # type: ignore[arg-type]
+        self._kept = (k, time, data)
+        return time, data
+

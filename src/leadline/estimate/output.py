@@ -66,24 +66,35 @@ def solution_of(reference: Reference, composition: Composition, time: Array, out
     )
 
 
-def joined(parts: list[Solution]) -> Solution:
-    """Put solutions of stretches that follow each other together; innovations and summary are those of the first."""
-    whole = parts[0]
-    if len(parts) == 1:
-        return whole
-    columns: dict[str, Any] = {
-        item.name: [getattr(p, item.name) for p in parts] for item in fields(whole) if isinstance(getattr(whole, item.name), np.ndarray)
-    }
-    nuisances = {
-        name: replace(
-            estimate,
-            value=np.concatenate([p.nuisances[name].value for p in parts]),
-            sigma=np.concatenate([p.nuisances[name].sigma for p in parts]),
-        )
-        for name, estimate in whole.nuisances.items()
-    }
-    arrays: dict[str, Any] = {name: np.concatenate(values) for name, values in columns.items()}
-    return replace(whole, **arrays, nuisances=nuisances)
+class Track:
+    """A solution that is put together stretch by stretch, in any order, in arrays of its final size."""
+
+    def __init__(self, time: Array) -> None:
+        """Make room for states at `time` (n,)."""
+        self.time = time
+        self.first: Solution | None = None
+        self.arrays: dict[str, Any] = {}
+        self.nuisances: dict[str, tuple[Array, Array]] = {}
+
+    def put(self, at: int, part: Solution) -> None:
+        """Put a stretch at its place: its first state is number `at`."""
+        count, whole = len(part), len(self.time)
+        if not self.arrays:
+            self.first = part
+            states = {item.name: getattr(part, item.name) for item in fields(part)}
+            self.arrays = {k: np.empty((whole, *v.shape[1:]), v.dtype) for k, v in states.items() if isinstance(v, np.ndarray)}
+            self.nuisances = {name: (np.empty(whole), np.empty(whole)) for name in part.nuisances}
+        for name, values in self.arrays.items():
+            values[at : at + count] = getattr(part, name)
+        for name, (value, sigma) in self.nuisances.items():
+            value[at : at + count], sigma[at : at + count] = part.nuisances[name].value, part.nuisances[name].sigma
+
+    def solution(self) -> Solution:
+        """Return the whole."""
+        assert self.first is not None
+        told = self.first.nuisances
+        nuisances = {name: replace(told[name], value=value, sigma=sigma) for name, (value, sigma) in self.nuisances.items()}
+        return replace(self.first, **self.arrays, nuisances=nuisances)
 
 
 def unpacked(packed: Array) -> Array:

@@ -177,7 +177,7 @@ def smooth_output(plan, params, tape, at, n, l, L, work, points, view, scratch, 
             for i in range(n):
                 s += G[i * n + j] * l[i]
             lo[j] = s
-        congruent(G, L, Lo, n, WIDE, M)
+        congruent(G, L, Lo, n, plan[MOTION], WIDE, M)
     for i in range(n):
         s = 0.0
         for j in range(n):
@@ -233,7 +233,7 @@ def backward(plan, params, tape, starts, l, L, work, points, view, scratch, othe
                 for j in range(n):
                     turned[j] += F[i * n + j] * l[i]
             l[:n] = turned[:n]
-            congruent(F, L, L, n, WIDE, work)
+            congruent(F, L, L, n, plan[MOTION], WIDE, work)
     return count
 
 

@@ -17,7 +17,7 @@ from leadline.estimate import plan as at
 from leadline.estimate.account import innovations_of, looked_at, summary_of
 from leadline.estimate.alignment import still_aligning
 from leadline.estimate.assembly import navigator_for
-from leadline.estimate.output import joined, solution_of
+from leadline.estimate.output import Track, solution_of
 from leadline.estimate.run import Results
 from leadline.estimate.smoother import Smoother
 from leadline.estimate.stream import DEFAULT_RATE, Stream, stream_of
@@ -51,9 +51,9 @@ class Decision:
 
 @dataclass
 class Passage:
-    """What a run through all stretches leaves: solutions by stretch, entries of what was looked at, states at the stretches' starts."""
+    """What a run through all stretches leaves: its states, entries of what was looked at, states of the filter at the stretches' starts."""
 
-    parts: list[Solution] = field(default_factory=list)
+    track: Track
     looked: list[Innovations] = field(default_factory=list)
     outcomes: list[Integers] = field(default_factory=list)
     checkpoints: list[Array] = field(default_factory=list)
@@ -90,7 +90,7 @@ def solve(
         passage, found = _smoothed(navigator, stream, told)
     else:
         passage, found = _forward(navigator, stream, None, told), {}
-    solution = joined(passage.parts)
+    solution = passage.track.solution()
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
     summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream)}
@@ -107,9 +107,11 @@ def look_at(navigator: Navigator, vehicle: Vehicle, name: str | None) -> None:
     navigator.reference = replace(navigator.reference, point_b=known[name])
 
 
-def _forward(navigator: Navigator, stream: Stream, decisions: list[Decision] | None, progress: Callable[[float], None]) -> Passage:
-    """Run through all stretches."""
-    passage, done, total = Passage(), 0, len(stream.edges) - 1
+def _forward(
+    navigator: Navigator, stream: Stream, decisions: list[Decision] | None, progress: Callable[[float], None], *, named: bool = True
+) -> Passage:
+    """Run through all stretches; without `named` its states are not wanted."""
+    passage, done, total = Passage(Track(stream.times)), 0, len(stream.edges) - 1
     groups = first = 0
     for events in stream:
         decision = Decision.none(events) if decisions is None else decisions[done]
@@ -119,7 +121,8 @@ def _forward(navigator: Navigator, stream: Stream, decisions: list[Decision] | N
         navigator.runner.run(navigator.state, events, results)
         outputs = int((events.kind == at.IS_OUTPUT).sum())
         _account(navigator, stream, events, results, passage, groups)
-        passage.parts.append(_named(navigator, stream.times[first : first + outputs], results))
+        if named and outputs:
+            passage.track.put(first, _named(navigator, stream.times[first : first + outputs], results))
         groups, first, done = groups + len(decision.outcome), first + outputs, done + 1
         progress(done / total)
     return passage
@@ -148,15 +151,17 @@ def _smoothed(navigator: Navigator, stream: Stream, progress: Callable[[float], 
         navigator.state[:] = start
         share = 1.0 / ROUNDS
 
-        passage = _forward(navigator, stream, decisions, partial(_share, progress, round_ * share, 0.5 * share))
+        passage = _forward(navigator, stream, decisions, partial(_share, progress, round_ * share, 0.5 * share), named=False)
         before = decisions or [Decision(np.full(len(o), -1), np.full(len(o), np.nan)) for o in passage.outcomes]
         smoother, after = Smoother(navigator.composition), []
         first = len(stream.times)
         for k in range(stretches - 1, -1, -1):
             events = stream.stretch(*stream.edges[k : k + 2])
             others, results = smoother.stretch(passage.checkpoints[k], events, before[k].outcome, before[k].verdict)
-            first -= len(passage.parts[k])
-            passage.parts[k] = _named(navigator, stream.times[first : first + len(passage.parts[k])], results)
+            outputs = int((events.kind == at.IS_OUTPUT).sum())
+            first -= outputs
+            if outputs:
+                passage.track.put(first, _named(navigator, stream.times[first : first + outputs], results))
             after.append(decided(navigator, events, passage.outcomes[k], others, before[k]))
             progress((round_ + 0.5 + 0.5 * (stretches - k) / stretches) * share)
         after.reverse()

@@ -14,7 +14,8 @@ from leadline.data.outcome import Outcome
 from leadline.data.records import Imu
 from leadline.estimate import plan as at
 from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered
-from leadline.estimate.inputs import Inputs, Span, spans_of
+from leadline.estimate.inputs import Conditioned, Inputs, Made, Span, spans_of
+from leadline.models.imu import InputStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -28,16 +29,19 @@ if TYPE_CHECKING:
 DEFAULT_RATE = 10.0
 MOST_STATES = 3_000_000
 STRETCH = 60.0  # s of events that are put in order at a time
+LONGEST_INTERVAL = 600.0  # s: an input in force at the start began no longer ago
 
 
 @dataclass(frozen=True)
 class Stream:
     """The events of a log by kind, each in order of time, and for each table the outcome of the rows that gave none (USED: it gave some).
 
-    times: of the outputs.  spans: where the first inertial unit was silent.
+    inputs: of the process model, from `first_input` on.  times: of the outputs.  spans: where the first inertial unit was silent.
     """
 
     batches: Sequence[Batch]
+    inputs: Made | Conditioned
+    first_input: float
     outcome: Mapping[str, Integers]
     times: Array
     start: float
@@ -47,7 +51,7 @@ class Stream:
     @cached_property
     def events(self) -> Events:
         """All events at once."""
-        return ordered(self.batches)
+        return self.stretch(-np.inf, np.inf)
 
     @property
     def edges(self) -> Array:
@@ -58,7 +62,7 @@ class Stream:
 
     def stretch(self, first: float, last: float) -> Events:
         """Return the events at first <= time < last; their measurements and outputs are numbered from zero."""
-        found = []
+        found = [Batch(at.IS_INPUT, *self.inputs.between(max(first, self.first_input), min(last, self.end)))]
         for batch in self.batches:
             a, b = np.searchsorted(batch.time, [first, last], side="left")
             if b > a:
@@ -78,16 +82,17 @@ def stream_of(
     Raises InputError where the log has no input that covers the run, and where a moment lies outside it.
     """
     start = navigator.start
-    when, data, outcome, covered = inputs_of(log, vehicle)
+    inputs, outcome, covered, spans = inputs_of(log, vehicle)
     if end is not None and end > covered:
         raise InputError("end", f"{end} s lies after the last inertial row", f"at most {covered} s")
     last = covered if end is None else end
     if last <= start:
         where = f"{log.path or log.name}: [initial] time_s"
         raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
-    inside = (when < last) & (np.arange(len(when)) >= np.searchsorted(when, start) - 1)
-    spans = spans_of(when[inside], data[inside], last, (vehicle.process.imu, vehicle.process.standby))
-    batches = [Batch(at.IS_INPUT, when[inside], data[inside])]
+    before = inputs.between(start - LONGEST_INTERVAL, start)[0]
+    first_input = float(before[-1]) if len(before) else start
+    spans = tuple(replace(s, start=max(s.start, start), end=min(s.end, last)) for s in spans if s.end > start and s.start < last)
+    batches: list[Batch] = []
     for sensor in navigator.composition.sensors:
         name = sensor.config.name
         screen, slot = Screen(sensor.config.repeats, sensor.config.latency), navigator.composition.first_slot[name]
@@ -98,7 +103,7 @@ def stream_of(
         found_times = f"{moments[0]} to {moments[-1]} s" if len(moments) else "none"
         raise InputError("times", found_times, f"the run is from {start} to {last} s")
     batches.append(Batch(at.IS_OUTPUT, moments, np.zeros((len(moments), 0))))
-    return Stream([_sorted(batch) for batch in agreed(batches)], outcome, moments, start, last, spans)
+    return Stream([_sorted(batch) for batch in agreed(batches)], inputs, first_input, outcome, moments, start, last, spans)
 
 
 def _sorted(batch: Batch) -> Batch:
@@ -110,39 +115,51 @@ def _sorted(batch: Batch) -> Batch:
     return replace(batch, time=batch.time[order], data=batch.data[order], row=row)
 
 
-def inputs_of(log: Log, vehicle: Vehicle) -> tuple[Array, Array, dict[str, Integers], float]:
-    """Return start times and inputs of the inertial units, the outcome of each of their rows, and the time up to which they reach.
+def inputs_of(log: Log, vehicle: Vehicle) -> tuple[Made | Conditioned, dict[str, Integers], float, tuple[Span, ...]]:
+    """Return the inputs of the inertial units, the outcome of each of their rows, the time up to which they reach, and their silences.
 
     A last row beyond a gap has no neighbour to confirm its time: it is invalid, or one wrong stamp would lead the run astray.
     """
     imu, standby = vehicle[vehicle.process.imu], vehicle.process.standby
-    inputs = Inputs.of(imu, None if standby is None else vehicle[standby])
-    outcome: dict[str, Integers] = {}
     if standby is not None and standby in log.tables:
-        table, order, covered = _imu_rows(log, standby, vehicle[standby].latency, inputs.second.gap if inputs.second else np.inf)
-        outcome[standby] = np.full(len(log[standby]), int(Outcome.INVALID))
-        outcome[standby][order] = inputs.push(standby, table).outcome
-    table, order, covered = _imu_rows(log, imu.name, imu.latency, inputs.first.gap)
-    pushed = inputs.push(imu.name, table)
-    outcome[imu.name] = np.full(len(log[imu.name]), int(Outcome.INVALID))
-    outcome[imu.name][order] = pushed.outcome
-    time, data = pushed.time, pushed.data
-    if inputs.second is not None and inputs.covered > inputs.first.covered:  # the first unit fell silent for good
-        more, rows = inputs.fill(inputs.first.covered, inputs.second.covered)
+        return _of_two(log, vehicle, Inputs.of(imu, vehicle[standby]), standby)
+    stream = InputStream.of(imu)
+    table, order, _ = _imu_rows(log, imu.name, imu.latency, stream.gap)
+    inputs = Conditioned(stream, table)
+    outcome = {imu.name: _placed(inputs.outcome, order, len(log[imu.name]))}
+    return inputs, outcome, inputs.covered, tuple(Span("gap", imu.name, a, b) for a, b in inputs.gaps)
+
+
+def _placed(outcome: Integers, order: Integers, count: int) -> Integers:
+    """Outcomes in the order of the file; rows that were left out are invalid."""
+    placed = np.full(count, int(Outcome.INVALID))
+    placed[order] = outcome
+    return placed
+
+
+def _of_two(
+    log: Log, vehicle: Vehicle, inputs: Inputs, standby: str
+) -> tuple[Made | Conditioned, dict[str, Integers], float, tuple[Span, ...]]:
+    """The inputs of two units, of which the second fills the silences of the first."""
+    assert inputs.second is not None
+    imu, second, outcome = inputs.first, inputs.second, {}
+    table, order, _ = _imu_rows(log, standby, second.latency, second.gap)
+    outcome[standby] = _placed(inputs.push(standby, table).outcome, order, len(log[standby]))
+    table, order, _ = _imu_rows(log, imu.name, imu.latency, imu.gap)
+    time, data, found, _ = inputs.push(imu.name, table)
+    outcome[imu.name] = _placed(found, order, len(log[imu.name]))
+    if inputs.covered > imu.covered:  # the first unit fell silent for good
+        more, rows = inputs.fill(imu.covered, second.covered)
         time, data = np.concatenate([time, more]), np.concatenate([data, rows])
-    covered = inputs.covered
-    if not len(time) or np.isinf(covered):
-        raise InputError(f"{log.path or log.name}: {imu.name}", "gives no interval to navigate over", "at least two valid rows")
-    if standby is not None and standby in outcome:
-        spans = spans_of(time, data, covered, (imu.name, standby))
-        stamps = log[standby].time - vehicle[standby].latency
-        taken = np.zeros(len(stamps), bool)
-        for span in spans:
-            if span.kind == "standby":
-                taken |= (stamps > span.start) & (stamps <= span.end)
-        used = np.isin(outcome[standby], (Outcome.USED, Outcome.STANDBY))
-        outcome[standby][used] = np.where(taken[used], int(Outcome.USED), int(Outcome.STANDBY))
-    return time, data, outcome, covered
+    spans = spans_of(time, data, inputs.covered, (imu.name, standby))
+    stamps = log[standby].time - second.latency
+    taken = np.zeros(len(stamps), bool)
+    for span in spans:
+        if span.kind == "standby":
+            taken |= (stamps > span.start) & (stamps <= span.end)
+    known = np.isin(outcome[standby], (Outcome.USED, Outcome.STANDBY))
+    outcome[standby][known] = np.where(taken[known], int(Outcome.USED), int(Outcome.STANDBY))
+    return Made(time, data), outcome, inputs.covered, spans
 
 
 def _imu_rows(log: Log, name: str, latency: float, gap: float) -> tuple[Imu, Integers, float]:

@@ -20,6 +20,7 @@ from leadline.data.solution import ERROR_NAMES, ROTATION, Estimate, Innovations,
 from leadline.formats.atomic import new_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from enum import IntEnum
 
     from leadline.data.records import Array
@@ -28,6 +29,7 @@ UPPER = np.triu_indices(len(ERROR_NAMES))
 COVARIANCE_COLUMNS = tuple(f"cov_{ERROR_NAMES[a]}__{ERROR_NAMES[b]}" for a, b in zip(*UPPER, strict=True))
 VELOCITY_COLUMNS = tuple(f"velocity_{axis}_mps" for axis in ("north", "east", "down"))
 QUATERNION_COLUMNS = tuple(f"quaternion_{part}" for part in "wxyz")
+BLOCK = 100_000  # rows that are written at a time
 INNOVATION_TIMES = {"time": "time_s", "applied": "applied_s"}  # all other columns have the names of the fields
 
 
@@ -43,9 +45,12 @@ def write_solution(solution: Solution, path: str | Path, *, csv: bool = False) -
 
 def fill_folder(solution: Solution, folder: Path, *, csv: bool = False) -> None:
     """Write the files of a solution into a folder that is there."""
-    _write_table(_state_columns(solution), folder / ("solution.csv" if csv else "solution.parquet"))
-    _write_table(_covariance_columns(solution), folder / "covariance.parquet")
-    _write_table(_innovation_columns(solution.innovations), folder / "innovations.parquet")
+    states = lambda rows: _state_columns(solution.select(rows))  # noqa: E731
+    packed = lambda rows: _covariance_columns(solution.select(rows))  # noqa: E731
+    looked = lambda rows: _innovation_columns(solution.innovations.select(rows))  # noqa: E731
+    _write_table(states, len(solution), folder / ("solution.csv" if csv else "solution.parquet"))
+    _write_table(packed, len(solution), folder / "covariance.parquet")
+    _write_table(looked, len(solution.innovations), folder / "innovations.parquet")
     (folder / "states.toml").write_text(_states_toml(solution.nuisances), "utf-8")
     summary = dict(solution.summary) | {"epoch": _epoch_text(solution.epoch), "origin": _origin_keys(solution.origin)}
     (folder / "summary.json").write_text(json.dumps(plain(summary), indent=2, allow_nan=False) + "\n", "utf-8")
@@ -134,15 +139,21 @@ def _innovation_columns(innovations: Innovations) -> dict[str, Any]:
     return columns | {"outcome": names[innovations.outcome]}
 
 
-def _write_table(columns: Mapping[str, Any], file: Path) -> None:
+def _write_table(columns: Callable[[slice], dict[str, Any]], count: int, file: Path) -> None:
+    """Write a table in blocks of rows, so that a day's columns need not stand in memory twice."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
-    table = pa.table({name: pa.array(np.ascontiguousarray(value)) for name, value in columns.items()})
-    if file.suffix == ".csv":
-        csv.write_csv(table, file)
-    else:
-        parquet.write_table(table, file)
+    def block(first: int) -> Any:
+        made = columns(slice(first, first + BLOCK))
+        return pa.table({name: pa.array(np.ascontiguousarray(value)) for name, value in made.items()})
+
+    head = block(0)
+    writer = csv.CSVWriter if file.suffix == ".csv" else parquet.ParquetWriter
+    with writer(file, head.schema) as out:
+        out.write_table(head)
+        for first in range(BLOCK, count, BLOCK):
+            out.write_table(block(first).cast(head.schema))
 
 
 def _states_toml(nuisances: Mapping[str, Estimate]) -> str:

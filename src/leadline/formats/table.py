@@ -113,7 +113,10 @@ def _fields(record: type[Table], columns: Mapping[str, Array | Text], file: Path
         if any(name in columns for name in names):
             blank = np.full(len(next(iter(columns.values()))), np.nan)
             parts = [inside(name, columns.get(name, blank)) for name in names]
-            values[item.name] = np.stack(parts, axis=1) if "{" in item.metadata["pattern"] else parts[0]
+            made = np.stack(parts, axis=1) if "{" in item.metadata["pattern"] else parts[0]
+            if made.base is None:
+                made.setflags(write=False)  # nobody else holds it: the record need not copy it
+            values[item.name] = made
     known = _roles(record, columns)
     return values | {"extra": {name: value for name, value in columns.items() if name not in known}}
 
