@@ -7,6 +7,7 @@ from functools import partial
 from math import cos, pi, radians, sin
 from typing import Any
 
+import gsw
 import numpy as np
 import pymap3d
 import pytest
@@ -21,6 +22,7 @@ from leadline.data.records import Table
 from leadline.simulate.dive import Recorder, StartSigmas, simulate
 from leadline.simulate.instruments import (
     AcousticRange,
+    Altimeter,
     Attitude,
     Depth,
     Drift,
@@ -29,7 +31,13 @@ from leadline.simulate.instruments import (
     Heading,
     Imu,
     Instrument,
+    Navigation,
     PositionFix,
+    Pressure,
+    Speed,
+    Surrounding,
+    WaterVelocity,
+    YawRate,
     ZeroVelocity,
     means,
 )
@@ -310,6 +318,85 @@ def test_position_fixes_and_their_outliers(output: str) -> None:
     assert_spread(table.depth - 15.0, 0.3)
 
 
+# Through the water, pressure, sea bed, compass, another system
+
+CURRENT = Surrounding("water.current", (0.4, -0.3))
+
+
+def test_a_log_through_the_water_drifts_with_it() -> None:
+    """Heading north-east at rest over ground, the water from the north-west: the log sees it come from port, at 0.5 m/s."""
+    rest = still(MIDDLE, 20.0, heading=np.arctan2(0.4, 0.3))
+    water, speed = quiet(WaterVelocity(rate=1.0, current=CURRENT), rest), quiet(Speed(rate=1.0, current=CURRENT), rest)
+    assert water.kind == "water_velocity"
+    assert_allclose(water.velocity, np.tile([0.0, 0.5, 0.0], (21, 1)), atol=1e-12)
+    assert_allclose(speed.speed, 0.0, atol=1e-12)
+    turned = quiet(Speed(rate=1.0, current=CURRENT, mounting_bs=(0.0, 0.0, np.pi / 2), scale=0.25, bias=Drift(constant=0.1)), rest)
+    assert_allclose(1.25 * turned.speed, 0.6, atol=1e-12)
+
+
+def test_a_current_is_drawn_anew_for_each_seed_and_is_the_same_for_all() -> None:
+    wandering = replace(CURRENT, drift=Drift(turn_on=0.2, steady=0.1, tau=50.0))
+    aboard = {"adcp": WaterVelocity(rate=2.0, current=wandering), "log": Speed(rate=1.0, current=wandering)}
+    recorder = Recorder(still(MIDDLE, 200.0), aboard)
+    first, second = recorder.draw(1), recorder.draw(2)
+    assert_allclose(first["adcp"].velocity[::2, 0], first["log"].speed, atol=1e-9)  # looking north
+    assert np.ptp(first["log"].speed) > 0.05
+    assert np.max(np.abs(first["log"].speed - second["log"].speed)) > 0.05
+    assert same_bytes(first["log"], recorder.draw(1)["log"])
+    starts = [-recorder.draw(seed)["log"].speed[0] - 0.4 for seed in range(200)]
+    assert_spread(np.array(starts), np.hypot(0.2, 0.1))
+
+
+def test_pressure_is_that_of_the_standard_ocean_or_of_a_given_water() -> None:
+    deep = still(replace(MIDDLE, depth=2000.0), 5.0)
+    table = quiet(Pressure(rate=1.0, atmosphere=1e5), deep)
+    assert_allclose(table.pressure, 1e5 + 1e4 * gsw.p_from_z(-2000.0, 32.8), rtol=5e-5)
+    lake = Pressure(rate=1.0, density=1000.0, gravity=9.8, scale=0.01, datum=Drift(constant=1.0), lever_arm_b=(0.0, 0.0, 0.5))
+    assert_allclose(quiet(lake, still(MIDDLE, 5.0)).pressure, 101325.0 + 1.01 * 9800.0 * 16.5, atol=1e-3)
+    noisy = quiet(Pressure(rate=10.0, sigma=150.0), still(MIDDLE, 100.0)).pressure
+    assert_spread(noisy - quiet(Pressure(rate=10.0), still(MIDDLE, 100.0)).pressure, 150.0)
+
+
+def test_an_altimeter_meets_a_level_sea_bed_along_its_axis() -> None:
+    seabed = Surrounding("seabed.depth", (40.0,))
+    pitched = still(MIDDLE, 5.0, pitch=0.3)
+    assert_allclose(quiet(Altimeter(rate=1.0, seabed=seabed), pitched).range, 25.0 / cos(0.3), atol=1e-5)
+    ahead = Altimeter(rate=1.0, seabed=seabed, mounting_bs=(0.0, pi / 2 + 0.1, 0.0))  # looks backward, and above the horizon by 0.2 then
+    assert np.all(np.isnan(quiet(ahead, still(MIDDLE, 5.0, pitch=0.1)).range))
+    plain = quiet(Altimeter(rate=10.0, seabed=seabed, sigma=0.2, bias=Drift(constant=1.0)), still(MIDDLE, 50.0))
+    assert_spread(plain.range - 26.0, 0.2)
+    assert_allclose(quiet(Dvl(rate=1.0, seabed=seabed, lever_arm_b=(0.0, 0.0, 0.5)), pitched).altitude, 25.0 - 0.5 * cos(0.3), atol=1e-8)
+
+
+def test_a_single_gyro_feels_the_earth_or_not() -> None:
+    rest = still(MIDDLE, 5.0)
+    assert_allclose(quiet(YawRate(rate=1.0), rest).yaw_rate, -EARTH_RATE * sin(radians(32.8)), atol=1e-15)
+    forward = quiet(YawRate(rate=1.0, mounting_bs=(0.0, pi / 2, 0.0)), rest).yaw_rate  # its z axis points forward, which is north
+    assert_allclose(forward, EARTH_RATE * cos(radians(32.8)), atol=1e-15)
+    removed = YawRate(rate=1.0, earth_removed=True, scale=0.01, bias=Drift(constant=1e-4))
+    assert_allclose(quiet(removed, circle(MIDDLE, 5.0, speed=1.0, radius=20.0, weave=Weave())).yaw_rate, 1.01 * 0.05 + 1e-4, atol=1e-12)
+
+
+def test_the_deviation_of_a_compass_belongs_to_the_heading_that_it_shows(rough: Trajectory) -> None:
+    swing = (0.3, -0.1, 0.05, 0.02)
+    shown, true = quiet(Heading(rate=2.0, swing=swing), rough).heading, quiet(Heading(rate=2.0), rough).heading
+    a, b, c, d = swing
+    deviation = a * np.sin(shown) + b * np.cos(shown) + c * np.sin(2 * shown) + d * np.cos(2 * shown)
+    assert np.max(np.abs(deviation)) > 0.2
+    assert_allclose(np.exp(1j * (shown - deviation)), np.exp(1j * true), atol=1e-12)
+
+
+def test_dead_reckoning_of_another_system_is_stretched_and_turned() -> None:
+    ahead = straight(MIDDLE, 400.0, speed=1.5, heading=1.0, weave=Weave())
+    table = quiet(Navigation(rate=0.1, scale=0.02, rotation=0.05), ahead)
+    north, east, _ = pymap3d.geodetic2ned(table.latitude, table.longitude, 0.0, MIDDLE.latitude, MIDDLE.longitude, 0.0, deg=False)
+    assert_allclose(np.hypot(north, east), 1.02 * 1.5 * table.time, atol=2e-3)
+    assert_allclose(np.arctan2(east[1:], north[1:]), 1.05, atol=2e-5)
+    walked = quiet(Navigation(rate=1.0, walk=0.3), still(MIDDLE, 2000.0))
+    north, east, _ = pymap3d.geodetic2ned(walked.latitude, walked.longitude, 0.0, MIDDLE.latitude, MIDDLE.longitude, 0.0, deg=False)
+    assert_spread(np.diff([north, east]), 0.3)
+
+
 def test_zero_velocity_rows() -> None:
     table = quiet(ZeroVelocity(rate=2.0, offset=3.0, stop=5.0, sigma=0.01), still(MIDDLE, 10.0))
     assert_allclose(table.time, [3.0, 3.5, 4.0, 4.5, 5.0])
@@ -376,6 +463,7 @@ def test_ranges_noise_and_late_arrivals() -> None:
 
 # Sampling, delivery, the whole log
 
+SEABED = Surrounding("seabed.depth", (90.0,))
 ALL: dict[str, Instrument[Any]] = {
     "imu": Imu(rate=50.0, gyro_density=1e-4, accel_density=1e-3, gyro_bias=Drift(turn_on=1e-5, steady=1e-5), accel_bias=Drift(walk=1e-4)),
     "dvl": Dvl(rate=5.0, sigma=0.01, sigma_scale=0.01, beam_loss=0.1, azimuths=JANUS, tilt=0.5, output="both"),
@@ -386,6 +474,12 @@ ALL: dict[str, Instrument[Any]] = {
     "fix": PositionFix(rate=0.1, sigma=1.0, latency=2.0, latency_jitter=0.5),
     "still": ZeroVelocity(rate=1.0),
     "range": AcousticRange(rate=0.5, beacons=BEACONS, sigma=1e-4, loss=0.1),
+    "water": WaterVelocity(rate=2.0, sigma=0.01, current=CURRENT),
+    "log": Speed(rate=1.0, sigma=0.05, current=CURRENT),
+    "pressure": Pressure(rate=2.0, sigma=100.0),
+    "sounder": Altimeter(rate=2.0, sigma=0.1, seabed=SEABED),
+    "gyro": YawRate(rate=10.0, sigma=1e-4),
+    "other": Navigation(rate=1.0, walk=0.1, sigma_depth=0.1, sigma_heading=0.01),
 }
 
 
@@ -419,7 +513,8 @@ def test_another_instrument_or_another_order_changes_no_byte(recorder: Recorder)
 
 
 def test_without_noise_tables_are_the_ideal(recorder: Recorder) -> None:
-    bare = {name: type(item)(rate=item.rate, **({"beacons": BEACONS} if name == "range" else {})) for name, item in ALL.items()}
+    needed = {"range": {"beacons": BEACONS}, "sounder": {"seabed": SEABED}}
+    bare = {name: type(item)(rate=item.rate, **needed.get(name, {})) for name, item in ALL.items()}
     clean = Recorder(recorder.trajectory, bare)
     log = clean.draw(9)
     for name in bare:

@@ -9,7 +9,8 @@ import numpy as np
 
 from leadline.core.attitude import wrapped
 from leadline.data import records
-from leadline.simulate.instrument import STEADY, ZERO, Drift, Instrument, Vector
+from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.instrument import ZERO, Instrument, Vector
 from leadline.simulate.trajectory import euler
 
 if TYPE_CHECKING:
@@ -40,16 +41,29 @@ class Attitude(Instrument[records.Attitude]):
 
 @dataclass(frozen=True, kw_only=True)
 class Heading(Instrument[records.Heading]):
-    """True heading of the body's forward axis (rad, in [0, 2 pi))."""
+    """True heading of the body's forward axis (rad, in [0, 2 pi)), off by the deviation of a compass.
+
+    What it shows is m = heading + bias + A sin m + B cos m + C sin 2m + D cos 2m, with `swing` A, B, C, D (rad), and noise on top.
+    """
 
     sigma: float = 0.0
     bias: Drift = STEADY
+    swing: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Heading:
         """Return true headings."""
         return records.Heading(time=time, heading=euler(trajectory.at(time).rotation_nb)[2])
 
     def noisy(self, table: records.Heading, generator: Generator) -> records.Heading:
-        """Add bias and white noise."""
+        """Add bias, deviation and white noise."""
         error = self.bias.draw(table.time, 1, generator)[:, 0] + self.sigma * generator.standard_normal(len(table))
-        return replace(table, heading=(table.heading + error) % (2 * np.pi))
+        shown = table.heading + error
+        if any(self.swing):
+            for _ in range(60):  # a contraction as long as the needle does not stick
+                shown = table.heading + error + self.deviation(shown)
+        return replace(table, heading=shown % (2 * np.pi))
+
+    def deviation(self, shown: Array) -> Array:
+        """Return the deviation (rad) of headings that the compass shows."""
+        a, b, c, d = self.swing
+        return np.asarray(a * np.sin(shown) + b * np.cos(shown) + c * np.sin(2 * shown) + d * np.cos(2 * shown))

@@ -92,9 +92,8 @@ class Recorder:
         """Return the log of one seed."""
         if "truth" in self.instruments:
             raise InputError("instruments", "one is named 'truth'", "give it another name")
-        tables: dict[str, Table] = {
-            name: instrument.record(self.steady[name] if name in self.steady else self.ideal(name, seed), stream(seed, f"noise/{name}"))
-            for name, instrument in self.instruments.items()
+        tables = {
+            name: instrument.record(self._seen(name, seed), stream(seed, f"noise/{name}")) for name, instrument in self.instruments.items()
         }
         place = self.trajectory.place
         return Log(
@@ -106,6 +105,15 @@ class Recorder:
             initial=initial(self.trajectory, self.start, stream(seed, "initial")),
             beacons={name: self._surveyed(beacon, stream(seed, f"beacon/{name}")) for name, beacon in self.beacons.items()},
         )
+
+    def _seen(self, name: str, seed: int) -> Table:
+        """Return the table of an instrument without errors, in the sea of a seed."""
+        instrument = self.instruments[name]
+        own = instrument.among(lambda what: what.drawn(self.length, stream(seed, f"sea/{what.name}")))
+        if own is not instrument:
+            seen: Table = own.ideal(self.trajectory, own.sampling(self.length, stream(seed, f"sampling/{name}")))
+            return seen
+        return self.steady[name] if name in self.steady else self.ideal(name, seed)
 
     def _surveyed(self, beacon: Beacon, generator: np.random.Generator) -> Beacon:
         """Return the beacon as the log states it: off its true place by the sigmas that it carries."""

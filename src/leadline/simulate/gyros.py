@@ -9,7 +9,8 @@ import numpy as np
 
 from leadline.data import records
 from leadline.data.errors import InputError
-from leadline.simulate.instrument import STEADY, ZERO, Drift, Instrument, Vector
+from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.instrument import ZERO, Instrument, Vector
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -75,3 +76,27 @@ class Imu(Instrument[records.Imu]):
         if table.delta_angle is not None and table.delta_velocity is not None:
             return replace(table, delta_angle=table.delta_angle + gyro * span, delta_velocity=table.delta_velocity + accel * span)
         return replace(table, gyro=cast("Array", table.gyro) + gyro, accel=cast("Array", table.accel) + accel)
+
+
+@dataclass(frozen=True, kw_only=True)
+class YawRate(Instrument[records.YawRate]):
+    """Rate about the sensor's z axis (rad/s): against inertial space, or with `earth_removed` against the Earth; (1 + scale) times it.
+
+    `sigma` is white noise of one reading (rad/s).
+    """
+
+    earth_removed: bool = False
+    scale: float = 0.0
+    sigma: float = 0.0
+    bias: Drift = STEADY
+
+    def ideal(self, trajectory: Trajectory, time: Array) -> records.YawRate:
+        """Return true rates at the moments themselves."""
+        state = trajectory.at(time)
+        rate = state.rate_eb_b if self.earth_removed else state.rate_ib_b
+        return records.YawRate(time=time, yaw_rate=rate @ self.rotation_bs[:, 2])
+
+    def noisy(self, table: records.YawRate, generator: Generator) -> records.YawRate:
+        """Add scale, bias and white noise."""
+        error = self.bias.draw(table.time, 1, generator)[:, 0] + self.sigma * generator.standard_normal(len(table))
+        return replace(table, yaw_rate=(1 + self.scale) * table.yaw_rate + error)

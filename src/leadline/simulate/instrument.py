@@ -1,4 +1,4 @@
-"""What every instrument of the simulator has: when it samples, where it sits, how its rows arrive, and errors that wander.
+"""What every instrument of the simulator has: when it samples, where it sits, how its rows arrive.
 
 Each instrument has two halves.  `ideal` asks the trajectory and knows no noise: it depends on no seed, so that it is computed once for
 many runs.  `noisy` adds the errors, from a generator of the instrument's own.  With all sigmas zero, noisy equals ideal.
@@ -8,16 +8,20 @@ Nothing here is shared with the sensor models of the estimator: each is the othe
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar, cast
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from leadline.core.attitude import matrix_from_euler
 from leadline.data import records
+from leadline.simulate.drift import STEADY
+from leadline.simulate.surroundings import Surrounding
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.random import Generator
 
     from leadline.data.records import Array
@@ -27,49 +31,6 @@ Vector: TypeAlias = tuple[float, float, float]
 Flags: TypeAlias = npt.NDArray[np.bool_]
 T = TypeVar("T", bound=records.Table)
 ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Drift:
-    """A slowly varying error: constant + drawn at turn-on + first-order Gauss-Markov + random walk, each axis alone.
-
-    Sigmas in the unit of the value; `tau` in s; `walk` in the unit per sqrt(s).  The Gauss-Markov part starts in its steady state:
-    x(t + dt) = exp(-dt / tau) x(t) + w,  var(w) = steady^2 (1 - exp(-2 dt / tau)).
-    """
-
-    constant: float | tuple[float, ...] = 0.0
-    turn_on: float = 0.0
-    steady: float = 0.0
-    tau: float = 300.0
-    walk: float = 0.0
-
-    def draw(self, time: Array, axes: int, generator: Generator) -> Array:
-        """Return the error (times, axes) at ascending times (s); the numbers drawn do not depend on the sigmas."""
-        fixed = np.asarray(self.constant, float) + self.turn_on * generator.standard_normal(axes)
-        markov = self.steady * gauss_markov(time / self.tau, generator.standard_normal((len(time), axes)))
-        steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None] * generator.standard_normal((len(time), axes))
-        return np.asarray(fixed + markov + self.walk * np.cumsum(steps, axis=0))
-
-
-STEADY = Drift()  # no error at all
-
-
-def gauss_markov(time: Array, normal: Array) -> Array:
-    """Return the unit Gauss-Markov process (times, axes) of time constant 1, driven by `normal` of the same shape.
-
-    x_k = e_k (x_0 + sum_j s_j w_j / e_j) with e = exp(-(time - time_0)), summed within blocks of 20 time constants, since e underflows.
-    """
-    result, first = np.empty_like(normal), 0
-    driven = np.sqrt(-np.expm1(-2 * np.diff(time, prepend=-np.inf)))[:, None] * normal
-    while first < len(time):
-        last = max(first + 1, int(np.searchsorted(time, time[first] + 20.0)))
-        decay = np.exp(time[first] - time[first:last])[:, None]
-        block = np.cumsum(driven[first:last] / decay, axis=0)
-        if first:
-            block += result[first - 1] * np.exp(time[first - 1] - time[first])
-        result[first:last] = decay * block
-        first = last
-    return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +63,12 @@ class Instrument(ABC, Generic[T]):
         count = int(np.floor((min(self.stop, duration) - self.offset) * self.rate + 1e-6)) + 1
         time = self.offset + np.arange(max(count, 0)) / self.rate
         return np.asarray(time + np.clip(self.jitter * generator.standard_normal(len(time)), -0.4 / self.rate, 0.4 / self.rate))
+
+    def among(self, surroundings: Callable[[Surrounding], Surrounding]) -> Self:
+        """Return the instrument in the sea of one run: whatever of its surroundings is drawn anew for each seed, is drawn."""
+        own: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        moved: dict[str, Any] = {n: surroundings(v) for n, v in own.items() if isinstance(v, Surrounding) and v.drift != STEADY}
+        return replace(self, **moved) if moved else self
 
     @abstractmethod
     def ideal(self, trajectory: Trajectory, time: Array) -> T:

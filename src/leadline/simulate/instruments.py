@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from leadline.simulate.acoustics import AcousticRange, beacon_position_e
 from leadline.simulate.angles import Attitude, Heading
-from leadline.simulate.gyros import Imu, means
-from leadline.simulate.instrument import Drift, Instrument, Vector
-from leadline.simulate.logs import Dvl, beam_vectors
-from leadline.simulate.positions import Gnss, PositionFix, ZeroVelocity, displaced
-from leadline.simulate.vertical import Depth
+from leadline.simulate.drift import Drift
+from leadline.simulate.gyros import Imu, YawRate, means
+from leadline.simulate.instrument import Instrument, Vector
+from leadline.simulate.logs import Dvl, Speed, WaterVelocity, beam_vectors
+from leadline.simulate.positions import Gnss, Navigation, PositionFix, ZeroVelocity, displaced
+from leadline.simulate.surroundings import STILL, Surrounding
+from leadline.simulate.vertical import Altimeter, Depth, Pressure
 
 __all__ = [
+    "STILL",
     "AcousticRange",
+    "Altimeter",
     "Attitude",
     "Depth",
     "Drift",
@@ -23,8 +27,14 @@ __all__ = [
     "Heading",
     "Imu",
     "Instrument",
+    "Navigation",
     "PositionFix",
+    "Pressure",
+    "Speed",
+    "Surrounding",
     "Vector",
+    "WaterVelocity",
+    "YawRate",
     "ZeroVelocity",
     "beacon_position_e",
     "beam_vectors",

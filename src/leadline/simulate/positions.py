@@ -9,8 +9,9 @@ import numpy as np
 
 from leadline.core.geodesy import ecef_from_geodetic, geodetic_from_ecef, north_east, rotation_en
 from leadline.data import records
-from leadline.simulate.instrument import STEADY, ZERO, Drift, Instrument, Vector
-from leadline.simulate.trajectory import turned
+from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.instrument import ZERO, Instrument, Vector
+from leadline.simulate.trajectory import euler, turned
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -112,3 +113,38 @@ class ZeroVelocity(Instrument[records.ZeroVelocity]):
     def noisy(self, table: records.ZeroVelocity, generator: Generator) -> records.ZeroVelocity:  # noqa: ARG002  (has no noise)
         """Return the rows."""
         return table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Navigation(Instrument[records.Navigation]):
+    """Another system's dead reckoning: from the true start on, displacements stretched by `scale`, turned by `rotation` (rad, clockwise).
+
+    Positions walk by `walk` (m per root second, north and east each); depth and heading have white noise (m, rad).
+    """
+
+    scale: float = 0.0
+    rotation: float = 0.0
+    walk: float = 0.0
+    sigma_depth: float = 0.0
+    sigma_heading: float = 0.0
+
+    def ideal(self, trajectory: Trajectory, time: Array) -> records.Navigation:
+        """Return true positions, depths and headings, with stretch and turn."""
+        state, place = trajectory.at(time).point(self.lever_arm_b), trajectory.place
+        latitude, longitude, height = state.geodetic
+        if self.scale or self.rotation:
+            gone = np.stack(north_east(latitude, longitude, place.latitude, place.longitude), axis=1)
+            c, s = np.cos(self.rotation), np.sin(self.rotation)
+            error = (1 + self.scale) * gone @ np.array([[c, s], [-s, c]]) - gone
+            latitude, longitude, _ = displaced(latitude, longitude, height, np.column_stack([error, np.zeros(len(time))]))
+        heading = euler(trajectory.at(time).rotation_nb)[2]
+        return records.Navigation(time=time, latitude=latitude, longitude=longitude, depth=state.depth, heading=heading)
+
+    def noisy(self, table: records.Navigation, generator: Generator) -> records.Navigation:
+        """Add walk and noise."""
+        steps = Drift(walk=self.walk).draw(table.time, 2, generator)
+        error, flat = np.column_stack([steps, np.zeros(len(table))]), np.zeros(len(table))
+        latitude, longitude, _ = displaced(cast("Array", table.latitude), cast("Array", table.longitude), flat, error)
+        depth = cast("Array", table.depth) + self.sigma_depth * generator.standard_normal(len(table))
+        heading = (cast("Array", table.heading) + self.sigma_heading * generator.standard_normal(len(table))) % (2 * np.pi)
+        return replace(table, latitude=latitude, longitude=longitude, depth=depth, heading=heading)
