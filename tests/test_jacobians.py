@@ -221,7 +221,8 @@ def test_sensor(which: str) -> None:
 
         count, wraps = Hv.shape[1], any(channel.angles)
         by_view = [central(partial(value, j=j), STEPS[j % TANGENT], wraps) for j in range(count)]
-        turns = 1e-5 if name == "navigation" else 1e-3  # a displacement turned by the step: its third derivative is tens of metres
+        curved = name in ("navigation", "heading", "attitude")  # of a turned displacement, of a deviation
+        turns = 1e-5 if curved else 1e-3
         by_nuisance = [central(partial(value, j=count + j), turns, wraps) for j in range(Hn.shape[1])]
         bar = np.repeat(2e-6 * (1.0 + np.abs(Hv).max(axis=1, keepdims=True)), Hv.shape[1], axis=1)
         bar[:, 0:2] += abs(np.tan(latitude_of(first))) / 6.3e6 * (1.0 + np.abs(z).max())

@@ -15,7 +15,7 @@ from leadline.core.attitude import euler_from_quaternion, exponential, matrix_fr
 from leadline.data.errors import InputError
 from leadline.data.vehicle import Prior
 from leadline.simulate import instruments as simulated
-from leadline.simulate.instruments import Drift
+from leadline.simulate.instruments import Drift, Surrounding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,12 +41,38 @@ def instruments_of(
     beacons: those that acoustic ranges are taken to, where they truly are.  Raises InputError for a sensor without a rate, and for
     a prior that the simulator cannot draw from.
     """
-    given = rates or {}
+    given, around = rates or {}, Around(beacons or {}, vehicle.shared)
     return {
-        name: MAKERS[config.kind](config, given.get(name) or float(config.value("rate")), beacons or {})
+        name: MAKERS[config.kind](config, given.get(name) or float(config.value("rate")), around)
         for name, config in vehicle.sensors.items()
         if config.kind in MAKERS
     }
+
+
+@dataclass(frozen=True)
+class Around:
+    """What lies around the vehicle: beacons where they truly are, and the priors of current and sea bed."""
+
+    beacons: Beacons
+    shared: Mapping[str, Prior]
+
+    def surrounding(self, name: str, axes: int) -> Surrounding:
+        """Return the current or the sea bed as its prior describes it; raises InputError where it changes along the way."""
+        prior = self.shared.get(name, Prior(np.zeros(axes), np.zeros(axes)))
+        if np.isfinite(prior.length):
+            raise InputError(name, f"changes over {prior.length} m", "no length_m: the simulator's sea changes in time alone")
+        drift = drift_of(replace(prior, value=np.zeros(axes)), name)
+        return Surrounding(name, tuple(map(float, prior.value)), drift)
+
+    @property
+    def current(self) -> Surrounding:
+        """The current, north and east."""
+        return self.surrounding("water.current", 2)
+
+    @property
+    def seabed(self) -> Surrounding | None:
+        """The depth of the sea bed, where the vehicle file speaks of it."""
+        return self.surrounding("seabed.depth", 1) if "seabed.depth" in self.shared else None
 
 
 @dataclass(frozen=True)
@@ -83,15 +109,33 @@ class Doppler(simulated.Dvl):
     """A Doppler log whose velocities, and so its beams, are off by a bias in sensor axes (m/s)."""
 
     bias: Drift = field(default_factory=Drift)
+    beam_bias: Drift = field(default_factory=Drift)
 
     def noisy(self, table: records.Dvl, generator: Generator) -> records.Dvl:
-        """Add the bias to what the instrument measures otherwise."""
-        found = super().noisy(table, generator)
-        bias = self.bias.draw(table.time, 3, generator.spawn(1)[0])
-        velocity = None if found.velocity is None else found.velocity + bias
-        if found.beam is None:
-            return replace(found, velocity=velocity)
-        return replace(found, velocity=velocity, beam=found.beam + bias @ simulated.beam_vectors(self.azimuths, self.tilt).T)
+        """Add the biases to what the instrument measures otherwise."""
+        return _biased(self, super().noisy(table, generator), generator)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterDoppler(simulated.WaterVelocity):
+    """The same of a Doppler log through the water."""
+
+    bias: Drift = field(default_factory=Drift)
+    beam_bias: Drift = field(default_factory=Drift)
+
+    def noisy(self, table: records.Dvl, generator: Generator) -> records.Dvl:
+        """Add the biases to what the instrument measures otherwise."""
+        return _biased(self, super().noisy(table, generator), generator)
+
+
+def _biased(log: Doppler | WaterDoppler, found: records.Dvl, generator: Generator) -> records.Dvl:
+    own, each = generator.spawn(2)
+    bias = log.bias.draw(found.time, 3, own)
+    velocity = None if found.velocity is None else found.velocity + bias
+    if found.beam is None:
+        return replace(found, velocity=velocity)
+    beams = bias @ simulated.beam_vectors(log.azimuths, log.tilt).T + log.beam_bias.draw(found.time, len(log.azimuths), each)
+    return replace(found, velocity=velocity, beam=found.beam + beams)
 
 
 def _placed(config: SensorConfig, rate: float) -> dict[str, Any]:
@@ -131,15 +175,15 @@ def _constant(config: SensorConfig, name: str) -> tuple[Array, float]:
     return prior.value, float(prior.sigma[0])
 
 
-def _bias(sigma: float, instability: float, tau: float) -> Drift:
+def _bias(sigma: float, instability: float, tau: float, process: str) -> Drift:
+    if process == "gauss_markov":
+        return Drift(steady=sigma, tau=tau)
     return Drift(turn_on=sigma, walk=float(instability / np.sqrt(tau)))
 
 
-def _imu(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Imu:  # noqa: ARG001  (one contract for all makers)
-    gyro, accel = (
-        _bias(config.value(f"{name}_bias"), config.value(f"{name}_bias_instability"), config.value(f"{name}_bias_tau"))
-        for name in ("gyro", "accel")
-    )
+def _imu(config: SensorConfig, rate: float, around: Around) -> simulated.Imu:  # noqa: ARG001  (one contract for all makers)
+    names = ("bias", "bias_instability", "bias_tau", "bias_process")
+    gyro, accel = (_bias(*(config.value(f"{unit}_{name}") for name in names)) for unit in ("gyro", "accel"))
     return simulated.Imu(
         **_placed(config, rate),
         gyro_density=config.value("gyro_noise"),
@@ -149,7 +193,8 @@ def _imu(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Imu: 
     )
 
 
-def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> Doppler:  # noqa: ARG001
+def _doppler(config: SensorConfig, rate: float) -> dict[str, Any]:
+    """What Doppler logs over ground and through the water have in common."""
     frame, beams = config.value("frame", "sensor"), config.value("use", "velocity") == "beams"
     if frame not in ("sensor", "body"):
         raise InputError(f"sensors.{config.name}.frame", f"'{frame}'", "sensor or body: the simulator levels no velocities")
@@ -160,12 +205,86 @@ def _dvl(config: SensorConfig, rate: float, beacons: Beacons) -> Doppler:  # noq
     if beams:
         azimuths, sigma = tuple(config.value("beam_azimuth")), config.value("beam_sigma", config.value("sigma"))
         head = {"output": "beams", "azimuths": azimuths, "tilt": config.value("beam_tilt"), "beam_sigma": sigma}
+        head["beam_bias"] = _first(_drift(config, "beam_bias", 4), len(azimuths))
     placed = _placed(config, rate) | {"mounting_bs": _angles(rotation)}
     errors: dict[str, Any] = {"scale": float(scale[0]), "sigma_scale": sigma_scale, "sigma_mounting": sigma_mounting}
-    return Doppler(**placed, **head, **errors, bias=_drift(config, "bias", 3))
+    return placed | head | errors | {"bias": _drift(config, "bias", 3)}
 
 
-def _depth(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Depth:  # noqa: ARG001
+def _first(drift: Drift, count: int) -> Drift:
+    """The same drift of so many axes alone."""
+    constant = drift.constant[:count] if isinstance(drift.constant, tuple) else drift.constant
+    return replace(drift, constant=constant, sigma=drift.sigma[:count]) if isinstance(drift, Axes) else replace(drift, constant=constant)
+
+
+def _dvl(config: SensorConfig, rate: float, around: Around) -> Doppler:
+    sigma = config.values.get("altitude_sigma")
+    below: dict[str, Any] = {} if sigma is None else {"seabed": around.seabed, "sigma_altitude": sigma}
+    return Doppler(**_doppler(config, rate), **below)
+
+
+def _water_velocity(config: SensorConfig, rate: float, around: Around) -> WaterDoppler:
+    return WaterDoppler(**_doppler(config, rate), current=around.current)
+
+
+def _speed(config: SensorConfig, rate: float, around: Around) -> simulated.Speed:
+    scale, sigma_scale = _constant(config, "scale")
+    return simulated.Speed(
+        **_placed(config, rate),
+        current=around.current,
+        scale=float(scale[0]),
+        sigma_scale=sigma_scale,
+        sigma=config.value("sigma"),
+        bias=_drift(config, "bias"),
+    )
+
+
+def _pressure(config: SensorConfig, rate: float, around: Around) -> simulated.Pressure:  # noqa: ARG001
+    scale, sigma_scale = _constant(config, "scale")
+    return simulated.Pressure(
+        **_placed(config, rate),
+        sigma=config.value("sigma"),
+        datum=_drift(config, "datum"),
+        atmosphere=config.value("atmosphere"),
+        density=config.values.get("density"),
+        gravity=config.values.get("gravity"),
+        scale=float(scale[0]),
+        sigma_scale=sigma_scale,
+    )
+
+
+def _altimeter(config: SensorConfig, rate: float, around: Around) -> simulated.Altimeter:
+    return simulated.Altimeter(**_placed(config, rate), seabed=around.seabed, sigma=config.value("sigma"), bias=_drift(config, "bias"))
+
+
+def _yaw_rate(config: SensorConfig, rate: float, around: Around) -> simulated.YawRate:  # noqa: ARG001
+    scale, sigma_scale = _constant(config, "scale")
+    return simulated.YawRate(
+        **_placed(config, rate),
+        earth_removed=config.value("earth_rate") == "removed",
+        scale=float(scale[0]),
+        sigma_scale=sigma_scale,
+        sigma=config.value("noise") * float(np.sqrt(config.value("rate", rate))),  # as the filter takes it, whatever the rate here
+        bias=_drift(config, "bias"),
+    )
+
+
+def _navigation(config: SensorConfig, rate: float, around: Around) -> simulated.Navigation:  # noqa: ARG001
+    (scale, sigma_scale), (rotation, sigma_rotation) = _constant(config, "scale"), _constant(config, "rotation")
+    if sigma_scale or sigma_rotation or config.value("sigma", 0.0) or config.value("sigma_distance", 0.0):
+        raise InputError(f"sensors.{config.name}", "has errors that the simulator does not draw", "sigma_rate_m_per_rts alone")
+    half = np.sqrt(0.5)  # a difference of two readings
+    return simulated.Navigation(
+        **_placed(config, rate),
+        scale=float(scale[0]),
+        rotation=float(rotation[0]),
+        walk=config.value("sigma_rate", 0.0),
+        sigma_depth=half * config.value("sigma_depth", 0.0),
+        sigma_heading=half * config.value("sigma_heading", 0.0),
+    )
+
+
+def _depth(config: SensorConfig, rate: float, around: Around) -> simulated.Depth:  # noqa: ARG001
     return simulated.Depth(**_placed(config, rate), sigma=config.value("sigma"), bias=_drift(config, "datum"))
 
 
@@ -182,44 +301,73 @@ def _shifted(drift: Drift, offset: float) -> Drift:
     return replace(drift, constant=tuple(map(float, constant)))
 
 
-def _heading(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Heading:  # noqa: ARG001
-    offset = _angles(config.rotation_bs)[2] - _declination(config)
-    return simulated.Heading(**_placed(config, rate), sigma=config.value("sigma"), bias=_shifted(_drift(config, "bias"), offset))
+def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Heading:  # noqa: ARG001
+    offset, swing = _angles(config.rotation_bs)[2] - _declination(config), _prior(config, "swing")
+    if not np.isinf(swing.tau) or swing.walk:
+        raise InputError(f"sensors.{config.name}.nuisance.swing", "wanders", "a value and a sigma: the simulator draws a constant")
+    return simulated.Heading(
+        **_placed(config, rate),
+        sigma=config.value("sigma"),
+        bias=_shifted(_drift(config, "bias"), offset),
+        swing=tuple(map(float, swing.value * np.ones(4))),
+        sigma_swing=tuple(map(float, swing.sigma * np.ones(4))),
+    )
 
 
 def _declination(config: SensorConfig) -> float:
-    return float(config.value("declination")) if config.value("reference", "true") == "magnetic" else 0.0
+    if config.value("reference", "true") != "magnetic":
+        return 0.0
+    if config.value("declination") == "wmm":
+        raise InputError(f"sensors.{config.name}.declination", "'wmm'", "declination_deg: the simulator knows no magnetic field")
+    return float(config.value("declination"))
 
 
-def _attitude(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Attitude:  # noqa: ARG001
+def _attitude(config: SensorConfig, rate: float, around: Around) -> simulated.Attitude:  # noqa: ARG001
     tilt, heading = config.value("sigma_tilt"), config.value("sigma")
+    if "swing" in config.nuisance:
+        raise InputError(
+            f"sensors.{config.name}.nuisance.swing", "is of an attitude", "nothing: the simulator draws it for a heading alone"
+        )
     bias = _shifted(_drift(config, "bias", 3), -_declination(config))
     return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias)
 
 
-def _gnss(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.Gnss:  # noqa: ARG001
-    sigma = config.value("sigma")
-    return simulated.Gnss(**_placed(config, rate), sigma=(sigma, sigma, config.value("sigma_vertical", 2.0 * sigma)), max_depth=0.0)
+def _gnss(config: SensorConfig, rate: float, around: Around) -> simulated.Gnss:  # noqa: ARG001
+    sigma, bias = config.value("sigma"), _prior(config, "bias")
+    if config.value("vertical", False) and (bias.walk or not np.isinf(bias.tau)):
+        raise InputError(
+            f"sensors.{config.name}.nuisance.bias", "wanders", "a constant, or vertical = false: here it wanders in height too"
+        )
+    level = bias if "bias" in config.nuisance else Prior(np.zeros(2), np.zeros(2))
+    down = Prior(np.append(level.value, 0.0), np.append(level.sigma, 0.0)) if np.isinf(level.tau) else level
+    return simulated.Gnss(
+        **_placed(config, rate),
+        sigma=(sigma, sigma, config.value("sigma_vertical", 2.0 * sigma)),
+        sigma_velocity=config.values.get("sigma_velocity"),
+        max_depth=config.value("surface_depth", 0.0),
+        drift=drift_of(replace(level, value=down.value, sigma=down.sigma), f"sensors.{config.name}.nuisance.bias"),
+    )
 
 
-def _position_fix(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.PositionFix:  # noqa: ARG001
+def _position_fix(config: SensorConfig, rate: float, around: Around) -> simulated.PositionFix:  # noqa: ARG001
     sigma = config.value("sigma")
     down = config.value("sigma_depth", sigma)
-    return simulated.PositionFix(**_placed(config, rate), depth=config.value("vertical", True), sigma=sigma, sigma_depth=down)
+    own: dict[str, Any] = {"bias": _drift(config, "bias", 2)} if "bias" in config.nuisance else {}
+    return simulated.PositionFix(**_placed(config, rate), depth=config.value("vertical", True), sigma=sigma, sigma_depth=down, **own)
 
 
-def _zero_velocity(config: SensorConfig, rate: float, beacons: Beacons) -> simulated.ZeroVelocity:  # noqa: ARG001
+def _zero_velocity(config: SensorConfig, rate: float, around: Around) -> simulated.ZeroVelocity:  # noqa: ARG001
     return simulated.ZeroVelocity(**_placed(config, rate), sigma=config.value("sigma"))
 
 
-def _acoustic_range(config: SensorConfig, rate: float, beacons: Beacons) -> Ranges:
+def _acoustic_range(config: SensorConfig, rate: float, around: Around) -> Ranges:
     path, speed = config.value("path", "one_way"), config.value("sound_speed", 1500.0)
     scale, sigma_scale = _constant(config, "scale")
     if np.any(scale):
         raise InputError(f"sensors.{config.name}.nuisance.scale", f"has the value {scale[0]}", "0: the simulator times at the true speed")
     return Ranges(
         **_placed(config, rate),
-        beacons=beacons,
+        beacons=around.beacons,
         path=path,
         sound_speed=speed,
         sigma=config.value("sigma") * (2.0 if path == "two_way" else 1.0) / speed,
@@ -228,7 +376,8 @@ def _acoustic_range(config: SensorConfig, rate: float, beacons: Beacons) -> Rang
     )
 
 
-MAKERS: Mapping[str, Callable[[SensorConfig, float, Beacons], simulated.Instrument[Any]]] = {
+MAKERS: Mapping[str, Callable[[SensorConfig, float, Around], simulated.Instrument[Any]]] = {
     "imu": _imu, "dvl": _dvl, "depth": _depth, "heading": _heading, "attitude": _attitude, "gnss": _gnss,
-    "position_fix": _position_fix, "zero_velocity": _zero_velocity, "acoustic_range": _acoustic_range,
+    "position_fix": _position_fix, "zero_velocity": _zero_velocity, "acoustic_range": _acoustic_range, "water_velocity": _water_velocity,
+    "speed": _speed, "pressure": _pressure, "altimeter": _altimeter, "yaw_rate": _yaw_rate, "navigation": _navigation,
 }  # fmt: skip

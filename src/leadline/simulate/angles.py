@@ -48,7 +48,8 @@ class Heading(Instrument[records.Heading]):
 
     sigma: float = 0.0
     bias: Drift = STEADY
-    swing: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    swing: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    sigma_swing: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # of each, drawn at turn-on
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Heading:
         """Return true headings."""
@@ -58,12 +59,14 @@ class Heading(Instrument[records.Heading]):
         """Add bias, deviation and white noise."""
         error = self.bias.draw(table.time, 1, generator)[:, 0] + self.sigma * generator.standard_normal(len(table))
         shown = table.heading + error
-        if any(self.swing):
+        if any(self.swing) or any(self.sigma_swing):
+            swing = np.asarray(self.swing) + np.asarray(self.sigma_swing) * generator.standard_normal(4)
             for _ in range(60):  # a contraction as long as the needle does not stick
-                shown = table.heading + error + self.deviation(shown)
+                shown = table.heading + error + deviation(swing, shown)
         return replace(table, heading=shown % (2 * np.pi))
 
-    def deviation(self, shown: Array) -> Array:
-        """Return the deviation (rad) of headings that the compass shows."""
-        a, b, c, d = self.swing
-        return np.asarray(a * np.sin(shown) + b * np.cos(shown) + c * np.sin(2 * shown) + d * np.cos(2 * shown))
+
+def deviation(swing: Array, shown: Array) -> Array:
+    """Return the deviation (rad) of headings that a compass of given swing (4,) shows."""
+    a, b, c, d = swing
+    return np.asarray(a * np.sin(shown) + b * np.cos(shown) + c * np.sin(2 * shown) + d * np.cos(2 * shown))

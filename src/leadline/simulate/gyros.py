@@ -87,6 +87,7 @@ class YawRate(Instrument[records.YawRate]):
 
     earth_removed: bool = False
     scale: float = 0.0
+    sigma_scale: float = 0.0
     sigma: float = 0.0
     bias: Drift = STEADY
 
@@ -99,4 +100,5 @@ class YawRate(Instrument[records.YawRate]):
     def noisy(self, table: records.YawRate, generator: Generator) -> records.YawRate:
         """Add scale, bias and white noise."""
         error = self.bias.draw(table.time, 1, generator)[:, 0] + self.sigma * generator.standard_normal(len(table))
-        return replace(table, yaw_rate=(1 + self.scale) * table.yaw_rate + error)
+        factor = 1 + self.scale + self.sigma_scale * generator.standard_normal()
+        return replace(table, yaw_rate=factor * table.yaw_rate + error)

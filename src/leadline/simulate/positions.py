@@ -60,8 +60,8 @@ class Gnss(Instrument[records.Gnss]):
 class PositionFix(Instrument[records.PositionFix]):
     """Position of the transponder solved elsewhere: `output` is "geographic" or "local" (metres from the trajectory's start).
 
-    White noise `sigma` (m) north and east, `sigma_depth` down.  A fraction of the fixes is wrong by 0.5 to 1.5 `outlier_size` (m) in any
-    direction; the column `outlier` says which (for assessment: no estimator reads it).
+    White noise `sigma` (m) north and east, `sigma_depth` down, and a `bias` north and east that may wander.  A fraction of the fixes is
+    wrong by 0.5 to 1.5 `outlier_size` (m) in any direction; the column `outlier` says which (for assessment: no estimator reads it).
     """
 
     output: str = "geographic"
@@ -70,6 +70,7 @@ class PositionFix(Instrument[records.PositionFix]):
     sigma_depth: float = 0.0
     outlier_fraction: float = 0.0
     outlier_size: float = 0.0
+    bias: Drift = STEADY
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.PositionFix:
         """Return true positions of the transponder."""
@@ -89,6 +90,8 @@ class PositionFix(Instrument[records.PositionFix]):
         size, bearing = self.outlier_size * generator.uniform(0.5, 1.5, rows) * wrong, generator.uniform(0, 2 * np.pi, rows)
         error[:, 0] += size * np.cos(bearing)
         error[:, 1] += size * np.sin(bearing)
+        if self.bias != STEADY:
+            error[:, :2] += self.bias.draw(table.time, 2, generator.spawn(1)[0])
         columns: dict[str, Any] = {"depth": None if table.depth is None else table.depth + error[:, 2]}
         if table.latitude is not None and table.longitude is not None:
             level = error * (1.0, 1.0, 0.0)

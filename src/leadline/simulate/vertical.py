@@ -51,6 +51,7 @@ class Pressure(Instrument[records.Pressure]):
     density: float | None = None
     gravity: float | None = None
     scale: float = 0.0
+    sigma_scale: float = 0.0
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Pressure:
         """Return true pressures."""
@@ -68,7 +69,8 @@ class Pressure(Instrument[records.Pressure]):
         """Add datum, scale and white noise."""
         column, white = self.datum.draw(table.time, 1, generator)[:, 0], generator.standard_normal(len(table))
         weight = (self.density or 1025.0) * (self.gravity or 9.81)  # of the metre or so of the datum
-        water = (1 + self.scale) * (table.pressure - self.atmosphere + weight * column)
+        factor = 1 + self.scale + self.sigma_scale * generator.standard_normal()
+        water = factor * (table.pressure - self.atmosphere + weight * column)
         return replace(table, pressure=self.atmosphere + water + self.sigma * white)
 
 

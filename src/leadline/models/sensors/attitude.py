@@ -15,14 +15,31 @@ from leadline.core import attitude
 from leadline.core.compiled import SENSOR, kernel
 from leadline.core.rotation import load4, logarithm, product
 from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, sigmas, usable
-from leadline.models.sensors.heading import declination, swing, swing_of
-from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, north_slope, wander
+from leadline.models.sensors.heading import declination, shown, swing_of, write_heading, write_swing
+from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, heading_of, north_slope, wander
 
 if TYPE_CHECKING:
     from leadline.data.records import Array, Attitude
     from leadline.data.vehicle import SensorConfig
 
 QUATERNION_R, LEVEL_R, VARIANCE_R = 3, 7, 9
+
+
+@kernel()
+def add_deviation(views, nuisance, z, Hv, Hn):
+    """Add the deviation of a magnetic instrument (heading.py) to the error of heading; none where the forward axis is vertical."""
+    h = heading_of(views) + nuisance[2]
+    m, steep = shown(h, nuisance, 3)
+    before = (Hv[2, POSITION_T], Hv[2, POSITION_T + 1], Hv[2, ATTITUDE_T], Hv[2, ATTITUDE_T + 1], Hv[2, ATTITUDE_T + 2])
+    if steep == 0.0 or not write_heading(views, steep - 1.0, 2, 0, Hv):
+        return
+    Hv[2, POSITION_T] += before[0]
+    Hv[2, POSITION_T + 1] += before[1]
+    for j in range(3):
+        Hv[2, ATTITUDE_T + j] += before[2 + j]
+    z[2] += m - h
+    Hn[2, 2] = steep
+    write_swing(m, steep, 2, 3, Hn)
 
 
 @kernel(SENSOR)
@@ -36,7 +53,7 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     c, s = row[LEVEL_R], row[LEVEL_R + 1]
     z[0] = c * e[0] + s * e[1] + nuisance[0]
     z[1] = -s * e[0] + c * e[1] + nuisance[1]
-    z[2] = e[2] + nuisance[2] + swing(nuisance, 3, s, c, 2, Hn)
+    z[2] = e[2] + nuisance[2]
     # inverse left Jacobian I - [e]x / 2 + [e]x^2 / 12, then from the navigation frame to level axes along the measured heading
     cw, sw = np.cos(2.0 * half), np.sin(2.0 * half)
     square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -56,6 +73,7 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
     for i in range(3):
         for j in range(2):
             Hv[i, POSITION_T + j] = slope[j] * Hv[i, ATTITUDE_T + 2]
+    add_deviation(views, nuisance, z, Hv, Hn)
     return 0
 
 

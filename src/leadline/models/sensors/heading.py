@@ -1,19 +1,23 @@
-"""Heading of the body from true north: z = heading + bias + swing(m),  swing = A sin m + B cos m + C sin 2m + D cos 2m.
+"""Heading of the body from true north, as a compass shows it: z = m with m = heading + bias + swing(m).
 
-Swing is the deviation of a compass by the vehicle's own iron, over the heading m that the compass shows: A and B by what is permanently
-magnetic, C and D by what the Earth's field makes so.  Row: heading m (rad), variance (rad^2).  Nuisances: bias, swing 4.
+    swing(m) = A sin m + B cos m + C sin 2m + D cos 2m
+
+is the deviation by the vehicle's own iron, over the heading m that the compass shows: A and B by what is permanently magnetic, C and D by
+what the Earth's field makes so.  m is solved for, so that the noise of a reading does not pass for deviation.
+Row: heading (rad), variance (rad^2).  Nuisances: bias, swing 4.
 A magnetic heading is brought to true north by the declination when read: as given, or by the World Magnetic Model at epoch and origin.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from leadline.core.attitude import euler_from_quaternion, quaternion_from_matrix
 from leadline.core.compiled import SENSOR, kernel
-from leadline.core.rotation import load_matrix
+from leadline.core.rotation import load4, load_matrix
 from leadline.data.errors import InputError
 from leadline.models.sensor import Channel, Context, Reading, Sensor, finite_rows, nuisances, reading, sigmas, usable
 from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, heading_of, north_slope
@@ -26,14 +30,38 @@ if TYPE_CHECKING:
 
 
 @kernel()
-def swing(nuisance, at, sine, cosine, i, Hn):
-    """Deviation at a heading of which sine and cosine are given; the Jacobian of row i for its four values goes to place `at`."""
-    part = (sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine)
-    total = 0.0
-    for j in range(4):
-        Hn[i, at + j] = part[j]
-        total += part[j] * nuisance[at + j]
-    return total
+def deviation(m, nuisance, at):
+    """Deviation at a shown heading m, and its derivative; its four factors stand at place `at` of the nuisances."""
+    s, c = math.sin(m), math.cos(m)
+    s2, c2 = 2.0 * s * c, c * c - s * s
+    a, b, d, e = load4(nuisance, at)
+    return a * s + b * c + d * s2 + e * c2, a * c - b * s + 2.0 * (d * c2 - e * s2)
+
+
+@kernel()
+def shown(h, nuisance, at):
+    """What a compass shows at heading h (its bias counted in), and the derivative of that; by Newton's method.
+
+    The derivative is zero where the needle sticks: the deviation then grows as fast as the heading, or nearly.
+    """
+    m, slope = h, 1.0
+    for _ in range(8):
+        value, steep = deviation(m, nuisance, at)
+        if steep > 0.9:
+            return m, 0.0
+        slope = 1.0 / (1.0 - steep)
+        step = (m - h - value) * slope
+        m -= step
+        if abs(step) < 1e-15:
+            break
+    return m, slope
+
+
+@kernel()
+def write_swing(m, factor, i, at, Hn):
+    """Jacobian of row i for the four factors of the deviation, times `factor`."""
+    Hn[i, at], Hn[i, at + 1] = factor * math.sin(m), factor * math.cos(m)
+    Hn[i, at + 2], Hn[i, at + 3] = factor * math.sin(2.0 * m), factor * math.cos(2.0 * m)
 
 
 @kernel()
@@ -55,10 +83,11 @@ def write_heading(view, factor, i, column, Hv):
 @kernel(SENSOR)
 def predict(views, nuisance, row, params, z, R, Hv, Hn):
     """Heading of the body's forward axis; it has none when that axis is vertical."""
-    if not write_heading(views, 1.0, 0, 0, Hv):
+    z[0], slope = shown(heading_of(views) + nuisance[0], nuisance, 1)
+    if slope == 0.0 or not write_heading(views, slope, 0, 0, Hv):
         return 3
-    z[0] = heading_of(views) + nuisance[0] + swing(nuisance, 1, np.sin(row[0]), np.cos(row[0]), 0, Hn)
-    Hn[0, 0] = 1.0
+    write_swing(z[0], slope, 0, 1, Hn)
+    Hn[0, 0] = slope
     R[0, 0] = row[1]
     return 0
 
