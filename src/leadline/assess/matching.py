@@ -49,8 +49,9 @@ def states_at(solution: Solution, time: Array) -> States:
     position by cubic Hermite where the velocities at both ends explain the step to a quarter, linearly elsewhere (a fix that moves
     the track is a step, not a manoeuvre); attitude along the shortest rotation; velocity and covariance linearly.
     """
-    s = solution
-    before, after, fraction, interval = _between(s.time, time)
+    before, after, fraction, interval = _between(solution.time, time)
+    near, place = np.unique(np.concatenate([before, after]), return_inverse=True)  # of a day's states only those that are asked for
+    s, before, after = solution.select(near), place[: len(before)], place[len(before) :]
     turn_en = geodesy.rotation_en(s.latitude, s.longitude)
     position_e = geodesy.ecef_from_geodetic(s.latitude, s.longitude, s.height)
     velocity_e = np.einsum("kij,kj->ki", turn_en, s.velocity_n)

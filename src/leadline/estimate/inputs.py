@@ -185,4 +185,3 @@ class Conditioned:
         time, data, _ = self.stream.push(self.table.select(slice(k * BLOCK, (k + 1) * BLOCK)))  # type: ignore[arg-type]
         self._kept = (k, time, data)
         return time, data
-

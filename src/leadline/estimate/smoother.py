@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from leadline.core.compiled import COMPONENTS, WIDE, kernel
-from leadline.core.gaussian import cholesky
+from leadline.core.gaussian import cholesky, symmetrise
 from leadline.core.linear import congruent, inverse
 from leadline.estimate.loop import REANCHORED, USED, write_output
 from leadline.estimate.plan import IS_INPUT, IS_OUTPUT, VERDICT
@@ -234,6 +234,7 @@ def backward(plan, params, tape, starts, l, L, work, points, view, scratch, othe
                     turned[j] += F[i * n + j] * l[i]
             l[:n] = turned[:n]
             congruent(F, L, L, n, plan[MOTION], WIDE, work)
+            symmetrise(L, n)  # what is not symmetric in L would grow: by e in an hour
     return count
 
 

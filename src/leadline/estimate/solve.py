@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from leadline.estimate.start import Start
 
 AIDED_FOR = 10.0  # s
-ROUNDS = 3  # of deciding anew which rows to believe
+ROUNDS = 2  # the first decides anew which rows to believe, the last abides by it
 
 
 @dataclass
@@ -47,6 +47,10 @@ class Decision:
         """Leave all to the gate."""
         count = int(events.measured.sum())
         return cls(np.full(count, -1), np.full(count, np.nan))
+
+    def same_as(self, other: Decision) -> bool:
+        """Tell whether another decision says the same."""
+        return bool(np.array_equal(self.outcome, other.outcome) and np.array_equal(self.verdict, other.verdict, equal_nan=True))
 
 
 @dataclass
@@ -144,39 +148,41 @@ def _named(navigator: Navigator, times: Array, results: Results) -> Solution:
 
 
 def _smoothed(navigator: Navigator, stream: Stream, progress: Callable[[float], None]) -> tuple[Passage, dict[str, Any]]:
-    """Run forward and back until no row is judged otherwise than before; returns the run with smoothed states, and what was changed."""
-    start, stretches = navigator.state.copy(), len(stream.edges) - 1
-    decisions: list[Decision] | None = None
-    for round_ in range(ROUNDS):
+    """Run forward and back, and once more where rows are judged otherwise by all others; returns the run, and what was changed."""
+    start, decisions, share, told = navigator.state.copy(), None, 1.0 / ROUNDS, {}
+    for number in range(ROUNDS):
         navigator.state[:] = start
-        share = 1.0 / ROUNDS
-
-        passage = _forward(navigator, stream, decisions, partial(_share, progress, round_ * share, 0.5 * share), named=False)
+        passage = _forward(navigator, stream, decisions, partial(_share, progress, number * share, 0.5 * share), named=False)
         before = decisions or [Decision(np.full(len(o), -1), np.full(len(o), np.nan)) for o in passage.outcomes]
-        smoother, after = Smoother(navigator.composition), []
-        first = len(stream.times)
-        for k in range(stretches - 1, -1, -1):
-            events = stream.stretch(*stream.edges[k : k + 2])
-            others, results = smoother.stretch(passage.checkpoints[k], events, before[k].outcome, before[k].verdict)
-            outputs = int((events.kind == at.IS_OUTPUT).sum())
-            first -= outputs
-            if outputs:
-                passage.track.put(first, _named(navigator, stream.times[first : first + outputs], results))
-            after.append(decided(navigator, events, passage.outcomes[k], others, before[k]))
-            progress((round_ + 0.5 + 0.5 * (stretches - k) / stretches) * share)
-        after.reverse()
-        if all(
-            (a.outcome == b.outcome).all() and np.array_equal(a.verdict, b.verdict, equal_nan=True)
-            for a, b in zip(after, before, strict=True)
-        ):
+        told = {
+            "rounds": number + 1,
+            "overruled": int(sum((d.outcome == Outcome.OVERRULED).sum() for d in before)),
+            "admitted": int(sum((d.verdict == at.ADMIT).sum() for d in before)),
+        }
+        after = _back(navigator, stream, passage, before, partial(_share, progress, (number + 0.5) * share, 0.5 * share))
+        if number == ROUNDS - 1 or all(a.same_as(b) for a, b in zip(after, before, strict=True)):
             break
-        if round_ < ROUNDS - 1:
-            decisions = after
+        decisions = after
+        passage.looked.clear()  # a day of them is large, and they are made anew
     progress(1.0)
-    settled = decisions or before
-    overruled = int(sum((d.outcome == Outcome.OVERRULED).sum() for d in settled))
-    admitted = int(sum((d.verdict == at.ADMIT).sum() for d in settled))
-    return passage, {"judged_again": {"rounds": round_ + 1, "overruled": overruled, "admitted": admitted}}
+    return passage, {"judged_again": told}
+
+
+def _back(
+    navigator: Navigator, stream: Stream, passage: Passage, before: list[Decision], progress: Callable[[float], None]
+) -> list[Decision]:
+    """Go through the stretches of a run from its end: its states become smoothed ones; returns how rows are to be judged by all others."""
+    smoother, after, edges = Smoother(navigator.composition), [], stream.edges
+    first, stretches = len(stream.times), len(edges) - 1
+    for k in range(stretches - 1, -1, -1):
+        events = stream.stretch(*edges[k : k + 2])
+        others, results = smoother.stretch(passage.checkpoints[k], events, before[k].outcome, before[k].verdict)
+        last, first = first, first - int((events.kind == at.IS_OUTPUT).sum())
+        if last > first:
+            passage.track.put(first, _named(navigator, stream.times[first:last], results))
+        after.append(decided(navigator, events, passage.outcomes[k], others, before[k]))
+        progress((stretches - k) / stretches)
+    return after[::-1]
 
 
 def _share(progress: Callable[[float], None], base: float, share: float, fraction: float) -> None:
