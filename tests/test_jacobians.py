@@ -14,6 +14,8 @@ from leadline.core import attitude, geodesy
 from leadline.core.compiled import COMPONENTS, NUISANCES, WIDE
 from leadline.core.earth import offset
 from leadline.data.log import Origin
+from leadline.estimate.displacement import displace, pull_back
+from leadline.estimate.plan import CHANNEL, CHANNEL_SIZE, DRIFT_S, LEVER_S, OFFSET_S, TIME_S
 from leadline.models.inertial import inertial
 from leadline.models.layout import Layout, difference, retract
 from leadline.models.nuisance import Nuisance
@@ -229,6 +231,60 @@ def test_sensor(which: str) -> None:
         np.testing.assert_array_less(np.abs(Hv - np.stack(by_view, axis=1)) / bar, 1.0)
         if by_nuisance:
             np.testing.assert_array_less(np.abs(Hn - np.stack(by_nuisance, axis=1)), 1e-8 * (1.0 + np.abs(Hn).max()))
+
+
+# --- displaced views ---------------------------------------------------------------------------------------------------------------
+
+
+def displaced_slope(view: np.ndarray, dt: float, lever: np.ndarray, time: float) -> np.ndarray:
+    """The derivative of a displaced view against the view (18), then against time offset, clock offset, drift and lever arm (6)."""
+    plan = np.zeros(CHANNEL + CHANNEL_SIZE, np.int64)
+    plan[[CHANNEL + TIME_S, CHANNEL + OFFSET_S, CHANNEL + DRIFT_S, CHANNEL + LEVER_S]] = 0, 1, 2, 3
+    Hv, H = np.eye(TANGENT), np.zeros((TANGENT, 6))
+    pull_back(plan, 0, time, view, dt, tuple(lever), Hv, H, TANGENT)
+    return np.hstack([Hv, H])
+
+
+def displaced_numerically(view: np.ndarray, dt: float, lever: np.ndarray, time: float) -> np.ndarray:
+    """The same by central differences of `displace`; a sensor that is late by o looked at dt - o."""
+
+    def at(view: np.ndarray, late: float = 0.0, more: np.ndarray | float = 0.0) -> np.ndarray:
+        out = view.copy()
+        displace(out, dt - late, tuple(lever + more))
+        return view_difference(out, origin)
+
+    origin = view.copy()
+    displace(origin, dt, tuple(lever))
+    columns = []
+    for j in range(TANGENT):
+        d = np.eye(TANGENT)[j] * STEPS[j]
+        ahead, behind = view.copy(), view.copy()
+        retract_view(ahead, d)
+        retract_view(behind, -d)
+        columns.append((at(ahead) - at(behind)) / (2 * STEPS[j]))
+    columns += [(at(view, 1e-3 * factor) - at(view, -1e-3 * factor)) / 2e-3 for factor in (1.0, 1.0, time)]
+    columns += [(at(view, 0.0, arm) - at(view, 0.0, -arm)) / 2e-2 for arm in 1e-2 * np.eye(3)]
+    return np.stack(columns, axis=1)
+
+
+def test_displacement() -> None:
+    """Where nothing is displaced yet the Jacobian is exact (1e-6); what it leaves out grows with the displacement, and in proportion.
+
+    Left out everywhere is how velocity and the direction of gravity turn with place: 1/R.
+    """
+    generator, time = np.random.default_rng(19), 3.0
+    for _ in range(20):
+        view = random_view(generator)
+        dt, lever = generator.uniform(-0.1, 0.1), generator.normal(0.0, 0.2, 3)
+        wrong = {}
+        for part in (0.0, 0.5, 1.0):
+            wrong[part] = np.abs(
+                displaced_slope(view, part * dt, part * lever, time) - displaced_numerically(view, part * dt, part * lever, time)
+            )
+        assert wrong[0.0].max() < 1e-6 * (1.0 + abs(np.tan(latitude_of(view))))
+        size = abs(dt) + np.linalg.norm(lever)
+        assert wrong[1.0].max() < 2.5 * wrong[0.5].max() + 1e-6
+        assert wrong[1.0][:, :TANGENT].max() < size
 
 
 # --- process model -----------------------------------------------------------------------------------------------------------------
