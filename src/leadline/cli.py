@@ -164,6 +164,24 @@ def assess(
     _print_rich(assessment_text(assessment))
 
 
+@app.command()
+def export(
+    solution: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a solution.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where to write it.")],
+    to: Annotated[str | None, typer.Option(metavar="FORMAT", help="geojson, kml, gpx, tum or sbet; else by the suffix of FILE.")] = None,
+    every: Annotated[float | None, typer.Option(metavar="S", help="Time between states; 1 for maps, all for tum and sbet.")] = None,
+    time: Annotated[str, typer.Option(metavar="SCALE", help="Seconds of the week in sbet: gps, or utc.")] = "gps",
+) -> None:
+    """Write a solution for other programs: GeoJSON, KML, GPX, TUM, SBET."""
+    from leadline.formats.export import export as write
+    from leadline.formats.export import format_of
+    from leadline.formats.solution import read_solution
+
+    name = format_of(out, to)
+    count = write(read_solution(solution), out, name, every=every, scale=time)
+    print(f"{name}: {out}   states: {count}")
+
+
 @vehicle_app.command("new")
 def vehicle_new(
     log: Annotated[Path | None, typer.Argument(metavar="[LOG]", help="Log whose tables become its sensors.")] = None,
