@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 from leadline.assess.errors import errors_of
+from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.solve import solve
@@ -167,3 +168,30 @@ def test_what_is_wrong_with_an_instrument_is_found(name: str) -> None:
     for solution in solutions:
         for sensor, counts in solution.summary["counts"].items():
             assert sensor == "other" or counts.get("used", 0) > 0.97 * sum(counts.values()), (sensor, counts)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (WATER + "[water]\ncurrent = { sigma_mps = 0.3, length_m = 500.0 }\n", "changes over 500.0 m"),
+        (WATER + "[water]\ncurrent = { sigma_mps = 0.3, tau_s = 60.0, steady_mps = 0.1 }\n", "steady sigma"),
+        ('[sensors.heading]\nrate_hz = 1.0\nsigma_deg = 1.0\nreference = "magnetic"\ndeclination = "wmm"\n', "knows no magnetic field"),
+        (COMPASS + "nuisance.swing = { sigma_deg = 1.0, tau_s = 60.0 }\n", "swing: wanders"),
+        (
+            "[sensors.attitude]\nrate_hz = 1.0\nsigma_deg = 1.0\nsigma_tilt_deg = 1.0\nnuisance.swing = { sigma_deg = 1.0 }\n",
+            "draws that of a heading",
+        ),
+        (
+            "[sensors.gnss]\nrate_hz = 1.0\nsigma_m = 1.0\nvertical = true\nnuisance.bias = { sigma_m = 1.0, tau_s = 60.0 }\n",
+            "height would wander too",
+        ),
+        (
+            '[sensors.navigation]\nrate_hz = 1.0\nuse = "increments"\nsigma_distance_percent = 1.0\n',
+            "errors that the simulator does not draw",
+        ),
+        ("[sensors.altimeter]\nrate_hz = 1.0\nsigma_m = 1.0\n", "has no sea bed"),
+    ],
+)
+def test_what_the_simulator_cannot_make_is_refused(more: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Recorder(TRAJECTORY, instruments_of(vehicle_from_toml(BASE + more)), 10.0).draw(1)

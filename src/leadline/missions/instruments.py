@@ -325,9 +325,7 @@ def _declination(config: SensorConfig) -> float:
 def _attitude(config: SensorConfig, rate: float, around: Around) -> simulated.Attitude:  # noqa: ARG001
     tilt, heading = config.value("sigma_tilt"), config.value("sigma")
     if "swing" in config.nuisance:
-        raise InputError(
-            f"sensors.{config.name}.nuisance.swing", "is of an attitude", "nothing: the simulator draws it for a heading alone"
-        )
+        raise InputError(f"sensors.{config.name}.nuisance.swing", "is of an attitude", "none: the simulator draws that of a heading")
     bias = _shifted(_drift(config, "bias", 3), -_declination(config))
     return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias)
 
@@ -335,9 +333,7 @@ def _attitude(config: SensorConfig, rate: float, around: Around) -> simulated.At
 def _gnss(config: SensorConfig, rate: float, around: Around) -> simulated.Gnss:  # noqa: ARG001
     sigma, bias = config.value("sigma"), _prior(config, "bias")
     if config.value("vertical", False) and (bias.walk or not np.isinf(bias.tau)):
-        raise InputError(
-            f"sensors.{config.name}.nuisance.bias", "wanders", "a constant, or vertical = false: here it wanders in height too"
-        )
+        raise InputError(f"sensors.{config.name}.nuisance.bias", "wanders", "a constant, or vertical = false: height would wander too")
     level = bias if "bias" in config.nuisance else Prior(np.zeros(2), np.zeros(2))
     down = Prior(np.append(level.value, 0.0), np.append(level.sigma, 0.0)) if np.isinf(level.tau) else level
     return simulated.Gnss(
