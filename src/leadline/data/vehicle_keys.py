@@ -125,6 +125,8 @@ def check_sensor(raw: Mapping[str, Any], kind: str, where: str) -> dict[str, Any
             raise InputError(f"{where}.{key}", shown(value), "0 or more")
     if checked.get("declination") is not None and checked.get("declination_deg") is not None:
         raise InputError(where, "has both 'declination' and 'declination_deg'", "give one of them")
+    if checked.get("reference") == "true" and (checked.get("declination") or checked.get("declination_deg")):
+        raise InputError(where, "has a declination, and its reference is 'true'", 'set reference = "magnetic", or leave it out')
     return checked
 
 

@@ -205,7 +205,7 @@ def _covariance(config: SensorConfig, table: Dvl) -> Array:
     return np.column_stack([np.where(sigma > 0.0, sigma, np.nan) ** 2, mixed])
 
 
-def _vector_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
+def _vector_rows(config: SensorConfig, table: Dvl, good: npt.NDArray[np.bool_]) -> tuple[Rows, ...]:
     """Rows by frame: as the row says, else as configured."""
     data = np.column_stack([np.asarray(table.velocity), _covariance(config, table)])
     default = config.value("frame", "sensor")
@@ -213,14 +213,15 @@ def _vector_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, .
     return tuple(finite_rows(i, data, good & (frame == name)) for i, name in enumerate(FRAMES) if (frame == name).any())
 
 
-def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...]:
+def _beam_rows(config: SensorConfig, table: Dvl, good: npt.NDArray[np.bool_]) -> tuple[Rows, ...]:
     """One set of rows per beam: each beam is judged by itself, so that one may fail and the others serve."""
     beam = np.asarray(table.beam)
     directions = beam_directions(config, beam.shape[1])
-    valid = np.ones(beam.shape, bool) if table.beam_valid is None else np.nan_to_num(table.beam_valid) != 0
-    least = config.values.get("correlation_min")
-    if least is not None and table.beam_correlation is not None:
-        valid &= ~(table.beam_correlation < least)
+    valid = sound_beams(config, table)
+    valid = np.ones(beam.shape, bool) if valid is None else valid
+    if valid.shape != beam.shape:
+        right = f"its columns of validity or correlation are of {valid.shape[1]}"
+        raise InputError(f"sensors.{config.name}", f"has {beam.shape[1]} beams", right)
     variance = config.value("beam_sigma", config.value("sigma")) ** 2
     parts = []
     for i, direction in enumerate(directions):
@@ -229,18 +230,43 @@ def _beam_rows(config: SensorConfig, table: Dvl, good: Array) -> tuple[Rows, ...
     return tuple(parts)
 
 
-def trusted(config: SensorConfig, table: Dvl) -> Array:
-    """Return which rows (n,) the instrument calls valid and whose figure of merit and error velocity are small enough."""
+def sound_beams(config: SensorConfig, table: Dvl) -> npt.NDArray[np.bool_] | None:
+    """Return which beams (n, beams) the instrument calls valid and whose correlation is large enough; None where it says nothing.
+
+    Raises InputError where validity and correlation are of different numbers of beams.
+    """
+    least, valid = config.values.get("correlation_min"), table.beam_valid
+    parts = [] if valid is None else [np.nan_to_num(valid) != 0]
+    if least is not None and table.beam_correlation is not None:
+        parts.append(~(table.beam_correlation < least))
+    if len({part.shape for part in parts}) > 1:
+        counts = " and ".join(str(part.shape[1]) for part in parts)
+        raise InputError(f"sensors.{config.name}", f"has validity and correlation of {counts} beams", "give them for each beam")
+    return None if not parts else np.asarray(np.logical_and.reduce(parts))
+
+
+def trusted(config: SensorConfig, table: Dvl) -> npt.NDArray[np.bool_]:
+    """Return which rows (n,) the instrument calls valid, with figure of merit and error velocity small enough, a vector of sound beams."""
     good = usable(table)
     for name, column in (("fom_max", table.fom), ("error_velocity_max", table.error_velocity)):
         if config.values.get(name) is not None and column is not None:
             good = good & ~(np.abs(column) > config.values[name])
+    least, by_vector = config.values.get("correlation_min"), config.value("use", "velocity") == "velocity" and table.velocity is not None
+    if least is not None and by_vector and table.beam_correlation is not None:  # a vector is solved from three beams or more
+        good = good & (np.sum(~(table.beam_correlation < least), axis=1) >= 3)
     return np.asarray(good)
 
 
 def beam_biases(config: SensorConfig, count: int) -> list[tuple[Nuisance, ...]]:
-    """Return the bias of each beam as a nuisance of its own, beam_bias1, beam_bias2, ..."""
+    """Return the bias of each beam as a nuisance of its own, beam_bias1, beam_bias2, ...
+
+    Raises InputError for a prior that would switch on states which no row can see.
+    """
     prior, names = config.nuisance.get("beam_bias"), [f"{config.name}.beam_bias{i + 1}" for i in range(count)]
+    if prior is not None and config.value("use", "velocity") != "beams":
+        raise InputError(f"sensors.{config.name}.nuisance.beam_bias", "is of single beams, and use is 'velocity'", 'set use = "beams"')
+    if prior is not None and count > len(prior.value):
+        raise InputError(f"sensors.{config.name}.nuisance.beam_bias", f"is of {count} beams", f"at most {len(prior.value)}")
     own = [None if prior is None else replace(prior, value=prior.value[i : i + 1], sigma=prior.sigma[i : i + 1]) for i in range(count)]
     return [nuisances_of(alone, name, 1, "m/s") for alone, name in zip(own, names, strict=True)]
 
