@@ -247,7 +247,19 @@ def warmup() -> None:
 
     with _progress("compiling"):
         from leadline.estimate import solve as _  # noqa: F401  (importing compiles)
-        from leadline.models.sensors import acoustic_range, attitude, depth, dvl, heading, position, zero_velocity  # noqa: F401
+        from leadline.models.sensors import (  # noqa: F401
+            acoustic_range,
+            altimeter,
+            attitude,
+            gnss,
+            navigation,
+            position_fix,
+            pressure,
+            speed,
+            water_velocity,
+            yaw_rate,
+            zero_velocity,
+        )
     print(f"compiled kernels: {cache_root()}")
 
 
