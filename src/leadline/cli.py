@@ -215,6 +215,29 @@ def vehicle_check(
     _print_rich(text(read_vehicle(vehicle), read_log(log) if log is not None else None))
 
 
+@app.command()
+def budget(
+    log: LogPath,
+    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
+    calibration: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Fragment that comes before the vehicle file.")] = None,
+    until: Annotated[float | None, typer.Option(metavar="S", help="At this time of the log instead of its end.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Whose error is how much of the error at the end: start, instruments, what wanders, and what is taken for known."""
+    with _progress(_loading()) as tell:
+        from leadline.data.vehicle import read_vehicle
+        from leadline.estimate.budget import budget as shares
+        from leadline.formats.folder import read_log
+
+        found = shares(read_log(log), read_vehicle(vehicle, *(calibration or ())), until=until, progress=tell)
+    if as_json:
+        _print_json({**vars(found), "shares": [vars(share) for share in found.shares]})
+        return
+    from leadline.report.budget import text
+
+    _print_rich(text(found))
+
+
 @calibrate_app.command("dvl")
 def calibrate_dvl(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Folders of logs with a reference.")],

@@ -64,7 +64,7 @@ from leadline.estimate.plan import (
     VIEW_AT,
     WIDENED,
 )
-from leadline.estimate.tape import note_measurement, push_transition
+from leadline.estimate.tape import DRIVEN, note_measurement, push_transition
 from leadline.models.layout import (
     ACTIVE,
     CHANNELS_N,
@@ -135,10 +135,18 @@ def propagate(plan, params, state, dt, work, points, tape):
                 for j in range(nm, n):
                     P[i * WIDE + j] *= beta
                     P[j * WIDE + i] *= beta
-            P[i * WIDE + i] += density * dt if beta == 1.0 else density / (2.0 * rate) * (1.0 - beta * beta)
-    call_noise(plan[NOISE_AT], m, dt, p, P)
+            drive = density * dt if beta == 1.0 else density / (2.0 * rate) * (1.0 - beta * beta)
+            P[i * WIDE + i] += drive
+            if tape.shape[0] > 0:
+                tape[DRIVEN + i] += drive
     if tape.shape[0] > 0:
         push_transition(plan, params, m, dt, speed, n, tape)
+        for i in range(nm):
+            tape[DRIVEN + i] -= P[i * (WIDE + 1)]
+    call_noise(plan[NOISE_AT], m, dt, p, P)
+    if tape.shape[0] > 0:
+        for i in range(nm):
+            tape[DRIVEN + i] += P[i * (WIDE + 1)]
     if math.floor(state[TIME] * SYMMETRISE) != math.floor((state[TIME] + dt) * SYMMETRISE):
         symmetrise(P, n)
 

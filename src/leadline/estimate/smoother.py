@@ -157,7 +157,7 @@ def forget(first, l, L):
 def smooth_output(plan, params, tape, at, n, l, L, work, points, view, scratch, out):
     """Write an output of the smoothed state: that of the advanced copy, corrected by the adjoint brought to its moment."""
     ahead, dx, M, lo, Lo = tape[at] != 0.0, work[:WIDE], work[WIDE * WIDE :], work[WIDE : 2 * WIDE], work[2 * WIDE * WIDE :]
-    scratch[:] = tape[at + 1 + n * n : at + 1 + n * n + scratch.shape[0]]
+    scratch[:] = tape[at + 1 + n * n + n : at + 1 + n * n + n + scratch.shape[0]]
     P = scratch[plan[COV] :]
     for i in range(n):
         lo[i] = l[i]
@@ -216,7 +216,7 @@ def backward(plan, params, tape, starts, l, L, work, points, view, scratch, othe
     for record in range(count - 1, -1, -1):
         start = starts[record]
         n, moved, kind = int(tape[start + ACTIVE_T]), tape[start + MOVED_T] != 0.0, tape[start + KIND_T]
-        at = start + HEAD + (n * n if moved else 0)
+        at = start + HEAD + (n * n + n if moved else 0)
         if kind == MEASURED:
             others[int(tape[start + INDEX_T])] = back_over_measurement(tape, at, n, l, L, work)
         elif kind == CLONED:
@@ -287,7 +287,7 @@ def room_for(composition: Composition, events: Events) -> tuple[int, int]:
     """Return how many numbers the tape of a stretch can need, and how many records."""
     layout, slots = composition.layout, composition.slots
     n = layout.error
-    head = HEAD + n * n
+    head = HEAD + n * n + n
     kinds, counts = np.unique(events.kind, return_counts=True)
     total = RECORDS
     for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True):
@@ -295,7 +295,7 @@ def room_for(composition: Composition, events: Events) -> tuple[int, int]:
             c, k = len(slots[kind].channel.components), len(slots[kind].channel.nuisances)
             total += count * (head + MATRICES_M + c * (2 * n + 1 + k))
         elif kind == IS_OUTPUT:
-            total += count * (head + 1 + n * n + layout.size)
+            total += count * (head + 1 + n * n + n + layout.size)
         elif kind != IS_INPUT:
             total += count * (head + 1 + CLONE_ERROR * layout.motion_error)
     return total, int(counts[kinds != IS_INPUT].sum()) + 1

@@ -1,12 +1,13 @@
 """The tape: what a forward run did, written down so that it can be gone through backward (smoother, error budget).
 
 A tape is a flat array; an empty one records nothing and costs nothing.  Its head holds where the next record goes, the event at hand,
-whether anything moved since the last record, and the transition Phi gathered since then.  A record is
-    kind, length, index, active errors n, moved, [Phi n x n when moved], payload
+whether anything moved since the last record, and what was gathered since then: the transition Phi, and the noise that drove each error.
+A record is
+    kind, length, index, active errors n, moved, [Phi n x n, driving variances n, when moved], payload
     MEASURED   verdict, components c, nuisance values k, L^-1 H (c x n), Y (c x n), y (c), L^-1 Hn (c x k)      see estimate/kalman.py
     CLONED     first error of the clone, Jacobian of place and attitude against the motion (6 x motion)
     DROPPED    first error of the clone that is forgotten
-    OUTPUT     whether the copy was advanced, its transition (n x n), the advanced state
+    OUTPUT     whether the copy was advanced, its transition (n x n) and driving variances (n), the advanced state
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from leadline.estimate.plan import (
 from leadline.models.layout import MOTION, NUISANCES_N
 
 CURSOR, EVENT, MOVED, PHI = 0, 1, 2, 4
-SCRATCH, RECORDS = PHI + WIDE * WIDE, PHI + 2 * WIDE * WIDE
+SCRATCH, DRIVEN, RECORDS = PHI + WIDE * WIDE, PHI + 2 * WIDE * WIDE, PHI + 2 * WIDE * WIDE + WIDE
 KIND_T, LENGTH_T, INDEX_T, ACTIVE_T, MOVED_T, HEAD = 0, 1, 2, 3, 4, 5
 MEASURED, CLONED, DROPPED, OUTPUT = 1, 2, 3, 4
 VERDICT_M, COMPONENTS_M, VALUES_M, MATRICES_M = 0, 1, 2, 3
@@ -48,6 +49,7 @@ def rewind(tape):
     """Make a tape empty."""
     tape[CURSOR], tape[EVENT], tape[MOVED] = RECORDS, -1.0, 0.0
     identity(tape[PHI:])
+    tape[DRIVEN : DRIVEN + WIDE] = 0.0
 
 
 @kernel()
@@ -83,13 +85,16 @@ def begin(kind, index, n, tape):
 
 @kernel()
 def store_transition(n, at, tape):
-    """Write Phi (n x n) at a place and make it the identity again; returns the place behind it."""
+    """Write Phi (n x n) and the driving variances (n) at a place and begin anew; returns the place behind them."""
     for i in range(n):
         for j in range(n):
             tape[at + i * n + j] = tape[PHI + i * WIDE + j]
+    for i in range(n):
+        tape[at + n * n + i] = tape[DRIVEN + i]
     identity(tape[PHI:])
+    tape[DRIVEN : DRIVEN + WIDE] = 0.0
     tape[MOVED] = 0.0
-    return at + n * n
+    return at + n * n + n
 
 
 @kernel()
@@ -157,6 +162,6 @@ def note_output(index, n, state, at, tape):
     tape[at] = tape[MOVED]
     store_transition(n, at + 1, tape)
     tape[int(tape[CURSOR]) + INDEX_T] = index
-    where = at + 1 + n * n
+    where = at + 1 + n * n + n
     tape[where : where + state.shape[0]] = state
     end(where + state.shape[0], tape)
