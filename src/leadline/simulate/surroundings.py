@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from leadline.data.records import Array
 
-STEP = 1.0  # s between the moments at which what wanders is drawn; in between it is straight
+STEP = 0.1  # s between the moments at which what wanders is drawn; in between it is straight, and so too smooth: short against a ping
 
 
 @dataclass(frozen=True, eq=False)
