@@ -208,6 +208,8 @@ class Twin:
         self.input = np.zeros(8)
         self.outputs: list[tuple[np.ndarray, np.ndarray]] = []
         self.noise = process_noise(aboard)
+        self.transition, self.drive = np.eye(n), np.zeros(n)  # of the last step: the matrix, and the variances that it adds
+        self.looked: tuple[np.ndarray, ...] = ()  # the last row that was looked at: Jacobian, residual, noise, correction
         self.gates = [chi2.ppf(slot.gate_probability, len(slot.channel.components)) for slot in composition.slots]
 
     def run(self, events: Events) -> list[int]:
@@ -233,7 +235,7 @@ class Twin:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Twin:
         """Copy the state alone."""
-        other = object.__new__(Twin)
+        other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.pose, other.P, other.nuisances = replace(self.pose), self.P.copy(), self.nuisances.copy()
         return other
@@ -270,11 +272,13 @@ class Twin:
         transition = np.eye(n)
         transition[:15, :15] += f * dt
         transition[range(15, 15 + k), range(15, 15 + k)] = decay
-        self.nuisances *= decay
+        mean = np.array([c.value for c in self.constants])
+        self.nuisances = mean + (self.nuisances - mean) * decay
         self.P = transition @ self.P @ transition.T
         drive = [c.walk**2 * dt if isinf(c.tau) else c.steady**2 * (1.0 - exp(-2.0 * dt / c.tau)) for c in self.constants]
-        q = np.concatenate([self.noise[int(self.input[6])] * dt, drive])
-        self.P[range(15 + k), range(15 + k)] += q
+        q = np.concatenate([self.noise[int(self.input[6])] * dt, drive, np.zeros(n - 15 - k)])
+        self.P[range(n), range(n)] += q
+        self.transition, self.drive = transition, q
 
     def mechanise(self, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
         """Strapdown over dt; returns mean force, frame rates, W and gravity for the transition."""
@@ -319,11 +323,13 @@ class Twin:
         slot = self.composition.slots[kind]
         H, residual, R = self.measure(slot.sensor, slot.channel.components, row)
         S = H @ self.P @ H.T + R
+        self.looked = H, residual, R, np.zeros(len(self.P))
         if residual @ np.linalg.solve(S, residual) >= self.gates[kind]:
             return 1
         K = np.linalg.solve(S, H @ self.P).T
         d, rest = K @ residual, np.eye(len(self.P)) - K @ H
         self.P = rest @ self.P @ rest.T + K @ R @ K.T
+        self.looked = H, residual, R, d
         self.pose.corrected(d[[0, 1, 2, 6, 7, 8]])
         self.velocity, self.gyro_bias, self.accel_bias = self.velocity + d[3:6], self.gyro_bias + d[9:12], self.accel_bias + d[12:15]
         self.nuisances += d[15 : 15 + len(self.names)]
