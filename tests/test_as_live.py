@@ -122,3 +122,28 @@ def test_a_snapshot_of_another_vehicle_is_refused(tmp_path):
         solve_as_live(log, ABOARD, resume=file)
     with pytest.raises(InputError, match="no snapshot"):
         solve_as_live(log, ABOARD, resume=tmp_path / "missing.npz")
+
+
+def test_increments_of_another_system_are_the_same_live(tmp_path):
+    """A row of `navigation` is understood by those before it: row by row, and over a snapshot, it gives what the whole table gives."""
+    text = (
+        VEHICLE
+        + """
+[sensors.other]
+kind = "navigation"
+use = "increments"
+increment_s = 2.0
+sigma_rate_m_per_rts = 0.05
+rate_hz = 1.0
+"""
+    )
+    aboard = vehicle_from_toml(text)
+    log = Recorder(TRAJECTORY, instruments_of(aboard), truth_rate=1.0, start=START).draw(2)
+    times, file = np.arange(0.0, 119.0, 0.5), tmp_path / "navigator.npz"
+    whole, live = solve(log, aboard, times=times), solve_as_live(log, aboard, times=times)
+    assert whole.summary["counts"]["other"]["used"] > 40
+    assert np.array_equal(live.covariance, whole.covariance)
+    assert np.array_equal(live.latitude, whole.latitude)
+    solve_as_live(log, aboard, times=times, end=61.0, snapshot=file)
+    second = solve_as_live(log, aboard, times=times, resume=file)
+    assert np.array_equal(second.latitude, whole.latitude[np.isin(whole.time, second.time)])

@@ -98,6 +98,25 @@ class Table:
         return type(self)(**chosen, **other, extra={k: v[index] for k, v in self.extra.items()})
 
 
+def after(first: Table, second: Table) -> Table:
+    """Return the rows of a table followed by those of another of its kind; a column that one of them lacks is not measured there."""
+    columns = {
+        item.name: _stacked(getattr(first, item.name), getattr(second, item.name), len(first), len(second)) for item in first.columns()
+    }
+    other = {item.name: getattr(second, item.name) for item in fields(second) if "pattern" not in item.metadata and item.name != "extra"}
+    extra = {k: _stacked(first.extra.get(k), second.extra.get(k), len(first), len(second)) for k in {**first.extra, **second.extra}}
+    return type(second)(**columns, **other, extra=extra)
+
+
+def _stacked(a: Any, b: Any, rows_a: int, rows_b: int) -> Any:
+    if a is None and b is None:
+        return None
+    like = a if a is not None else b
+    blank = "" if like.dtype.kind == "U" else np.nan
+    parts = [np.full((n, *like.shape[1:]), blank, like.dtype) if v is None else v for v, n in ((a, rows_a), (b, rows_b))]
+    return np.concatenate(parts)
+
+
 def _frozen(value: Any, text: bool) -> Any:
     if value is None:
         return None

@@ -86,7 +86,7 @@ class Composition:
         ]
         plan[at.MOTION_PARAMS], plan[at.MOTION_END], plan[at.DECAY_PARAMS] = 0, len(params), len(params)
         for state in self.layout.nuisances:
-            params += [state.rate, state.density, state.per_metre, state.density_per_metre]
+            params += [state.rate, state.density, state.per_metre, state.density_per_metre, state.value]
         plan[at.FIELDS] = sum(state.per_metre > 0.0 for state in self.layout.nuisances)
         plan[at.LONGEST_STEP] = len(params)
         params.append(self.process.longest_step)

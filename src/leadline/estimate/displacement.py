@@ -92,7 +92,9 @@ def pull_back(plan, channel, time, view, dt, lever, Hv, H, rows):
             Hv[r, VELOCITY_T + 1] + Hv[r, WATER_T + 1],
             Hv[r, VELOCITY_T + 2] + Hv[r, WATER_T + 2],
         )
-        along = p[0] * v[0] + p[1] * v[1] + p[2] * v[2] + s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
+        along = s[0] * a[0] + s[1] * a[1] + s[2] * a[2]
+        for j in range(3):
+            along += p[j] * (v[j] + a[j] * dt)
         slope = -(along + q[0] * turned[0] + q[1] * turned[1] + q[2] * turned[2])
         for i, factor in ((plan[at + TIME_S], 1.0), (plan[at + OFFSET_S], 1.0), (plan[at + DRIFT_S], time)):
             if i >= 0:

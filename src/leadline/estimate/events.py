@@ -16,7 +16,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
+from leadline.data.records import after
 from leadline.estimate.plan import IS_CLONE, IS_DROP, IS_INPUT, IS_OUTPUT
+from leadline.models.sensor import Reading, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -212,15 +214,24 @@ def _row_bytes(table: Table, *, with_time: bool) -> npt.NDArray[np.void]:
 
 
 def measurements(
-    sensor: Sensor, first_slot: int, table: Table, screen: Screen, start: float, end: float = np.inf, oldest: float = -np.inf
+    sensor: Sensor,
+    first_slot: int,
+    table: Table,
+    screen: Screen,
+    start: float,
+    end: float = np.inf,
+    oldest: float = -np.inf,
+    known: Table | None = None,
 ) -> tuple[list[Batch], Integers]:
     """Return a sensor's events, and for each table row the outcome of those that give none; rows valid before `oldest` are late.
+
+    known: rows that came before, for a sensor that makes of a row and of those before it what it measures.
 
     A row of a channel with two epochs brings the clone of its earlier epoch, and the moment at which that is forgotten; the
     earlier epoch becomes the last number of the row.
     """
     outcome = screen.judge(table)
-    read = sensor.read(table)
+    read = sensor.read(table) if known is None else _last(sensor.read(after(known, table)), len(known))
     latency = sensor.config.latency
     outcome = np.where(outcome == Outcome.USED, read.outcome, outcome)
     time = table.time - latency
@@ -240,6 +251,16 @@ def measurements(
             data = np.column_stack([data, earlier])
         batches.append(Batch(first_slot + rows.channel, time[index], data, sensor.config.name, index))
     return batches, outcome
+
+
+def _last(read: Reading, first: int) -> Reading:
+    """What a reading says of the rows from `first` on, numbered from zero."""
+    parts = []
+    for rows in read.rows:
+        keep = rows.row >= first
+        earlier = None if rows.earlier is None else rows.earlier[keep]
+        parts.append(Rows(rows.channel, rows.row[keep] - first, rows.data[keep], earlier))
+    return Reading(tuple(parts), read.outcome[first:])
 
 
 def agreed(batches: Sequence[Batch]) -> list[Batch]:

@@ -46,6 +46,7 @@ from leadline.estimate.plan import (
     GATE,
     LIMIT,
     LOG_DET,
+    MEAN,
     MOTION_END,
     MOTION_PARAMS,
     NIS,
@@ -131,7 +132,8 @@ def propagate(plan, params, state, dt, work, points, tape):
             P[j * WIDE + i] = P[i * WIDE + j] = A[j * WIDE + i] * beta  # P_mc = Phi P_mc beta
         if k < nc:
             if beta != 1.0:
-                x[plan[NOMINAL] + k] *= beta
+                mean = params[plan[DECAY_PARAMS] + DECAY_SIZE * k + MEAN]
+                x[plan[NOMINAL] + k] = mean + (x[plan[NOMINAL] + k] - mean) * beta
                 for j in range(nm, n):
                     P[i * WIDE + j] *= beta
                     P[j * WIDE + i] *= beta

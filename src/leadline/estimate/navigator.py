@@ -15,7 +15,7 @@ import numpy as np
 
 from leadline.data.errors import InputError, suggestion
 from leadline.data.outcome import Outcome
-from leadline.data.records import KINDS, Imu, Table
+from leadline.data.records import KINDS, Imu, Table, after
 from leadline.estimate import loop
 from leadline.estimate import plan as at
 from leadline.estimate.composition import Composition, output_size
@@ -70,6 +70,7 @@ class Navigator:
         self.runner = Runner(composition)
         self.screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
+        self.kinds = {name: s.config.kind for name, s in self._sensors.items()}
         self.rows = dict.fromkeys(self._sensors, 0)  # seen so far, by sensor
         widest = max([at_least for s in composition.slots for at_least in (s.channel.row_length + s.channel.epochs - 1,)] + [16])
         self.events = Window(tuple(self._sensors), widest)
@@ -79,6 +80,7 @@ class Navigator:
         self.outcomes: dict[tuple[str, int], int] = {}
         self.counts: dict[str, Counter[str]] = {name: Counter() for name in self._sensors}
         self.turned_away: deque[tuple[float, tuple[str, int]]] = deque()  # rows that gave no event, and when they came
+        self.recent: dict[str, Table] = {}  # rows of sensors that must see some of those before
         self.trimmed = False  # whether anything has left the window
         self.on_final: Callable[[Window, int], None] | None = None
 
@@ -125,13 +127,25 @@ class Navigator:
         self.rows[sensor] += len(rows)
         slot = self.composition.first_slot[sensor]
         oldest = self.time - self.window
-        batches, outcome = measurements(self._sensors[sensor], slot, rows, self.screens[sensor], self.start, oldest=oldest)
+        earlier = self._earlier(sensor, rows)
+        batches, outcome = measurements(self._sensors[sensor], slot, rows, self.screens[sensor], self.start, oldest=oldest, known=earlier)
         self.take([event for batch in batches for event in _numbered(batch, first)])
         for i, code in enumerate(outcome):
             self.outcomes.setdefault((sensor, first + i), int(code))
             if code != Outcome.USED:
                 self.turned_away.append((self.time, (sensor, first + i)))
         return outcome
+
+    def _earlier(self, sensor: str, rows: Table) -> Table | None:
+        """The rows that a sensor must see beside the new ones; the new ones are kept for the next."""
+        before = self._sensors[sensor].before
+        if not before > 0.0:
+            return None
+        known = self.recent.get(sensor)
+        together = rows if known is None else after(known, rows)
+        newest = float(np.max(together.time, initial=-np.inf, where=np.isfinite(together.time)))
+        self.recent[sensor] = together.select(together.time >= newest - before)
+        return known
 
     def _check(self, sensor: str, rows: Table) -> None:
         if sensor not in self._sensors:

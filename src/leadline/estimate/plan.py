@@ -9,8 +9,8 @@ STEP_AT, PUSH_AT, NOISE_AT, VIEW_AT, PULL_AT, PROPAGATE_AT, POINTS_AT, UPDATE_AT
 MOTION_PARAMS, MOTION_END, DECAY_PARAMS, LONGEST_STEP, FIELDS = range(LAYOUT_END + 8, LAYOUT_END + 13)
 CHANNEL, CHANNEL_SIZE = LAYOUT_END + 13, SLOT_NUISANCE + NUISANCES
 
-# Parameters of each nuisance, from DECAY_PARAMS on: decay and driving variance per second, and per metre travelled.
-DECAY, DENSITY, DECAY_PER_METRE, DENSITY_PER_METRE, DECAY_SIZE = range(5)
+# Parameters of each nuisance, from DECAY_PARAMS on: decay and driving variance per second, and per metre travelled; what it decays to.
+DECAY, DENSITY, DECAY_PER_METRE, DENSITY_PER_METRE, MEAN, DECAY_SIZE = range(6)
 
 # One row per channel, from CHANNEL on: what the loop and the estimators must know of it.
 (SENSOR_AT, PARAMS, PARAMS_END, COMPONENTS_N, ANGLES, EPOCHS, VALUES_N, VALUES, GATE) = range(9)  # then SLOT_NUISANCE: index or -1

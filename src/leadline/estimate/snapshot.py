@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.errors import InputError
+from leadline.data.records import KINDS
 from leadline.estimate import plan as at
 from leadline.estimate.navigator import Checkpoint
 from leadline.estimate.window import COLUMNS
@@ -57,6 +58,8 @@ def save(navigator: Navigator, path: Path, arrived: float) -> None:
         told["handed"] = inputs.handed
         if inputs.second is not None:
             arrays["inputs.second"] = inputs.second.memory
+    for name, table in navigator.recent.items():
+        arrays |= {f"rows.{name}.{c.name}": v for c in table.columns() if (v := getattr(table, c.name)) is not None}
     arrays["told"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
     with new_file(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
@@ -104,4 +107,8 @@ def restore(navigator: Navigator, path: Path) -> float:
         navigator.inputs.time, navigator.inputs.data = arrays["inputs.time"], arrays["inputs.data"]
         if navigator.inputs.second is not None:
             navigator.inputs.second.memory = arrays["inputs.second"]
+    for name in {key.split(".")[1] for key in arrays if key.startswith("rows.")}:
+        kind = KINDS[navigator.kinds[name]]
+        prefix = f"rows.{name}."
+        navigator.recent[name] = kind(**{k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)})
     return float(told["arrived"])

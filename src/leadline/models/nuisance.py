@@ -10,7 +10,7 @@ from dataclasses import dataclass
 class Nuisance:
     """One scalar nuisance: a constant when `sigma` is zero, a state otherwise; a sensor cannot tell which.
 
-    As a state it is a first-order Gauss-Markov process about zero with correlation time `tau` and steady sigma `steady`, or,
+    As a state it is a first-order Gauss-Markov process about its value with correlation time `tau` and steady sigma `steady`, or,
     with infinite tau, a random walk of density `walk` per square root of a second (0: a random constant).  With a `length` it is a
     field in space as well: its decay rate grows by speed / length.
     """
