@@ -19,7 +19,7 @@ from leadline.report.html import report_page, write_report
 from leadline.report.text import assessment_text, summary_text
 
 SECTIONS = (
-    "run", "map", "depth", "velocity", "attitude", "uncertainty", "nuisance", "errors", "misclosure", "residuals", "nis", "outcomes",
+    "happenings", "run", "map", "depth", "velocity", "attitude", "uncertainty", "nuisance", "errors", "misclosure", "residuals", "nis", "outcomes",
     "tests",
 )  # fmt: skip
 

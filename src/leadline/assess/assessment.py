@@ -11,6 +11,7 @@ import numpy as np
 
 from leadline.assess.consistency import Consistency, Verdict, consistency
 from leadline.assess.errors import BLOCKS, Errors, Misclosure, errors_of, misclosures, spread
+from leadline.assess.happenings import Happening, happenings
 from leadline.assess.matching import distance
 from leadline.assess.usage import counts_of, finite
 
@@ -34,6 +35,7 @@ class Assessment:
     consistency: Consistency
     misclosures: tuple[Misclosure, ...]
     errors: Errors | None = None
+    happenings: tuple[Happening, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -51,6 +53,7 @@ class Assessment:
             "misclosures": [
                 asdict(m) | {"horizontal": m.horizontal, "percent_of_distance": m.percent_of_distance} for m in self.misclosures
             ],
+            "happenings": [asdict(happening) for happening in self.happenings],
             "errors": None if self.errors is None else _errors_dict(self.errors),
         }
         plain: dict[str, Any] = _plain(found)
@@ -94,4 +97,5 @@ def assess(solution: Solution, truth: Truth | None = None, *, gap: float = 2.0) 
         consistency=consistency(solution, errors),
         misclosures=misclosures(solution),
         errors=errors,
+        happenings=happenings(solution),
     )

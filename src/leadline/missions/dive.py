@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -113,6 +113,7 @@ def solve_dive(
     truth = log.truth if run.at is None else None  # truth is of the body origin
     assessment = assess(solution, truth)
     found = {"distance_m": assessment.distance, "problems": problems, "verdict": verdict_of(assessment)}
+    found |= {"happenings": [asdict(happening) for happening in assessment.happenings]}
     solution = replace(solution, summary={**solution.summary, **found})
     write_result(solution, assessment, out, truth=truth, csv=csv, report=report)
     return solution, assessment

@@ -76,6 +76,8 @@ def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | No
 def _sections(solution: Solution, assessment: Assessment, truth: Truth | None) -> Iterator[Section]:
     clock = clock_of(solution.time, solution.epoch)
     most = points_per_line(_line_count(solution, assessment))
+    if assessment.happenings:
+        yield Section("happenings", "What happened", grids=[tables.happening_grid(assessment.happenings)])
     yield _run_section(solution, assessment.distance)
     if len(solution):
         yield from _state_sections(solution, truth, clock, most)

@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from leadline.assess.assessment import Assessment
     from leadline.assess.consistency import Verdict
     from leadline.assess.errors import Errors, Spread
+    from leadline.assess.happenings import Happening
     from leadline.data.outcome import Outcome
     from leadline.data.solution import Solution
 
-MOST_ROWS = 40
+MOST_ROWS, MOST_TOLD = 40, 200
 TESTS = {"nis": "size (NIS)", "gate": "gate", "whiteness": "whiteness", "nees": "errors (NEES)"}
 DEGREE = 180.0 / np.pi
 
@@ -103,6 +104,19 @@ def verdict_grid(assessment: Assessment) -> Grid:
     return Grid(columns, rows, "Tests", marks, note, least=("p>", "statistic>", "values>"))
 
 
+def happening_lines(happenings: Sequence[Happening], most: int) -> list[str]:
+    """Return what happened, a sentence to a line, at most so many, and how many more there are."""
+    left = len(happenings) - most
+    return [h.sentence for h in happenings[:most]] + ([f"… and {left} more, in summary.json."] if left > 0 else [])
+
+
+def happening_grid(happenings: Sequence[Happening]) -> Grid:
+    """Return what happened as a table, from start to end."""
+    rows = [(f"{h.start:,.1f}", f"{h.end:,.1f}", h.sentence) for h in happenings[:MOST_TOLD]]
+    left = len(happenings) - len(rows)
+    return Grid(("from (s)>", "to (s)>", "what"), rows, "What happened", note=f"{left} more are in summary.json." if left > 0 else "")
+
+
 def outcome_grid(assessment: Assessment) -> Grid:
     """Return what became of the rows of each sensor instance, in sentences."""
     return outcomes_of(assessment.counts)
@@ -175,7 +189,7 @@ def misclosure_grid(assessment: Assessment) -> Grid:
     return Grid(columns, rows, "Misclosure at fixes", (), note, ("travelled>", "after (s)>", "% of distance>", "predicted 1σ (m)>"))
 
 
-APART = ("counts", "verdict")  # of a summary: these have a place of their own
+APART = ("counts", "verdict", "happenings", "inertial")  # of a summary: these have a place of their own
 
 
 def run_grid(summary: Mapping[str, Any], distance: float) -> Grid:

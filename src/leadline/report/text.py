@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 STYLES = {Answer.CONSISTENT: "bold green", Answer.INCONSISTENT: "bold red", Answer.TOO_FEW: "bold yellow"}
 FIRST = "bold yellow"
+MOST_TOLD = 15
 ROW_STYLES = {"inconsistent": "bold", "too_few": "dim"}
 
 
@@ -31,12 +32,14 @@ def assessment_text(assessment: Assessment) -> RenderableType:
         for k, line in enumerate(tables.verdict_lines(assessment.verdict))
     ]
     headlines = Text("\n".join(f"{label}: {value}" for label, value in tables.headlines(assessment)) + "\n")
+    told = tables.happening_lines(assessment.happenings, MOST_TOLD)
+    happened = [Text("\n".join(["What happened:", *(f"  {line}" for line in told)]) + "\n")] if told else []
     grids = [tables.verdict_grid(assessment), tables.outcome_grid(assessment)]
     if assessment.errors is not None and len(assessment.errors):
         grids.append(tables.error_grid(assessment.errors))
     if assessment.misclosures:
         grids.append(tables.misclosure_grid(assessment))
-    return Group(*verdict, headlines, *(Sheet(grid, _row_style) for grid in grids if grid.rows))
+    return Group(*verdict, headlines, *happened, *(Sheet(grid, _row_style) for grid in grids if grid.rows))
 
 
 def summary_text(solution: Solution) -> RenderableType:
