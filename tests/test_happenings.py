@@ -84,6 +84,13 @@ def test_a_run_of_gated_rows():
     assert "237 of 240 rows" in sentence
 
 
+def test_many_runs_are_one_sentence_of_the_rows_between():
+    rows = np.concatenate([np.arange(k, k + 20) for k in (400, 500, 600, 700)])
+    sentence = only(told(gated(quiet(TIME), rows)), "gated", "dvl", 200.0, 359.5, 80)
+    assert "80 of 320 rows" in sentence
+    assert "in 4 runs, the longest of 20 rows" in sentence
+
+
 def test_scattered_outliers_are_one_sentence_with_their_share():
     rng = np.random.default_rng(5)
     rows = np.sort(rng.choice(len(TIME), 200, replace=False))

@@ -216,7 +216,8 @@ def _gated(stream: Stream) -> Iterator[Happening]:
     else:
         longest = max(runs, key=lambda s: s.count)
         more = f", in {len(runs)} runs, the longest of {longest.count:,} rows {_from_to(longest)}"
-        yield _rows("gated", stream, whole(runs, len(time)), "outside the gate", more)
+        between = int(np.sum((time >= runs[0].start) & (time <= runs[-1].end)))
+        yield _rows("gated", stream, whole(runs, between), "outside the gate", more)
     alone = [s for s in found if s.count < RUN]
     wild = len(time) * float(stream.rarity[judged].min(initial=1.0)) < CHANCE
     if alone and (wild or _surprising(sum(s.count for s in alone), float(stream.tail[judged].sum()))):
