@@ -39,9 +39,10 @@ from leadline.estimate.tape import (
     RECORDS,
     VALUES_M,
     VERDICT_M,
+    close,
     rewind,
 )
-from leadline.models.layout import CLONE_ERROR, MOTION
+from leadline.models.layout import ACTIVE, CLONE_ERROR, MOTION
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -181,6 +182,7 @@ def budget(
             runner.workspace.tape = np.empty(room)
         rewind(runner.workspace.tape)
         runner.run(checkpoints[k], events, Results.room(composition, int(events.measured.sum()), len(events.index)))
+        close(int(checkpoints[k][ACTIVE]), runner.workspace.tape)
         starts, slots = np.zeros(most, np.int64), events.kind[events.measured]
         trace(composition.plan, runner.workspace.tape, starts, slots, A, found.by_noise, found.by_constant, found.by_drive)
         told(1.0 - 0.7 * k / len(checkpoints))

@@ -36,7 +36,7 @@ from leadline.estimate.plan import (
     UPDATE_AT,
     VIEW_AT,
 )
-from leadline.estimate.tape import EVENT, OUTPUT, begin, note_clone, note_drop, note_output
+from leadline.estimate.tape import EVENT, lay_aside, note_clone, note_drop, note_output
 from leadline.models.layout import (
     ACTIVE,
     CHANNELS_N,
@@ -220,14 +220,14 @@ def look(plan, params, state, channel, row, work, points, V, N, Z, R, Hv, Hn, ta
 @kernel()
 def put_out(plan, params, state, time, index, scratch, view, work, points, tape, out):
     """Write an output, on a copy: asking for output changes no estimate."""
-    at, n = 0, int(state[ACTIVE])
+    n = int(state[ACTIVE])
     if tape.shape[0] > 0:
-        at = begin(OUTPUT, index, n, tape)
+        lay_aside(n, tape)
     scratch[:] = state
     advance(plan, params, scratch, time, work, points, tape)
     write_output(plan, params, scratch, view, work, points, out)
     if tape.shape[0] > 0:
-        note_output(index, n, scratch, at, tape)
+        note_output(index, n, scratch, tape)
 
 
 @kernel(i8(I, F, F, F, I, I, I, F, I, i8, i8, F, F2, F2, F2, F2, F2, F2, F2, F, F, I, F2, F2))

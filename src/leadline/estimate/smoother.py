@@ -38,11 +38,13 @@ from leadline.estimate.tape import (
     MATRICES_M,
     MEASURED,
     MOVED_T,
+    OUTPUT,
     RECORDS,
     VERDICT_M,
+    close,
     rewind,
 )
-from leadline.models.layout import CLONE_ERROR, COV, MOTION, X, retract
+from leadline.models.layout import ACTIVE, CLONE_ERROR, COV, MOTION, X, retract
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -155,9 +157,9 @@ def forget(first, l, L):
 
 @kernel()
 def smooth_output(plan, params, tape, at, n, l, L, work, points, view, scratch, out):
-    """Write an output of the smoothed state: that of the advanced copy, corrected by the adjoint brought to its moment."""
+    """Write an output of the smoothed state: that of the advanced copy, corrected by the adjoint brought from the last record to it."""
     ahead, dx, M, lo, Lo = tape[at] != 0.0, work[:WIDE], work[WIDE * WIDE :], work[WIDE : 2 * WIDE], work[2 * WIDE * WIDE :]
-    scratch[:] = tape[at + 1 + n * n + n : at + 1 + n * n + n + scratch.shape[0]]
+    scratch[:] = tape[at + 1 + n * n : at + 1 + n * n + scratch.shape[0]]
     P = scratch[plan[COV] :]
     for i in range(n):
         lo[i] = l[i]
@@ -223,7 +225,7 @@ def backward(plan, params, tape, starts, l, L, work, points, view, scratch, othe
             back_over_clone(plan, tape, at, n, l, L)
         elif kind == DROPPED:
             forget(int(tape[at]), l, L)
-        else:
+        elif kind == OUTPUT:
             smooth_output(plan, params, tape, at, n, l, L, work, points, view, scratch, out[int(tape[start + INDEX_T])])
         if moved:
             F, turned = tape[start + HEAD :], work[:WIDE]
@@ -273,7 +275,9 @@ class Smoother:
             self.runner.workspace.tape = np.empty(room)
         tape, workspace = self.runner.workspace.tape, self.runner.workspace
         rewind(tape)
-        self.runner.run(state.copy(), events, results)
+        moved = state.copy()
+        self.runner.run(moved, events, results)
+        close(int(moved[ACTIVE]), tape)
         others = np.full(max(1, len(outcome)), np.nan)
         starts = np.zeros(most, np.int64)
         backward(
@@ -289,7 +293,7 @@ def room_for(composition: Composition, events: Events) -> tuple[int, int]:
     n = layout.error
     head = HEAD + n * n + n
     kinds, counts = np.unique(events.kind, return_counts=True)
-    total = RECORDS
+    total = RECORDS + 2 * head
     for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True):
         if kind >= 0:
             c, k = len(slots[kind].channel.components), len(slots[kind].channel.nuisances)
@@ -298,4 +302,4 @@ def room_for(composition: Composition, events: Events) -> tuple[int, int]:
             total += count * (head + 1 + n * n + n + layout.size)
         elif kind != IS_INPUT:
             total += count * (head + 1 + CLONE_ERROR * layout.motion_error)
-    return total, int(counts[kinds != IS_INPUT].sum()) + 1
+    return total, int(counts[kinds != IS_INPUT].sum()) + 2

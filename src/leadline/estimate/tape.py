@@ -7,7 +7,9 @@ A record is
     MEASURED   verdict, components c, nuisance values k, L^-1 H (c x n), Y (c x n), y (c), L^-1 Hn (c x k)      see estimate/kalman.py
     CLONED     first error of the clone, Jacobian of place and attitude against the motion (6 x motion)
     DROPPED    first error of the clone that is forgotten
-    OUTPUT     whether the copy was advanced, its transition (n x n) and driving variances (n), the advanced state
+    OUTPUT     whether the copy has moved since the last record, its transition since then (n x n), the advanced state; what is gathered
+               goes on, so that an output changes nothing that is recorded beside it
+    END        nothing: what was gathered up to the end of the run
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from leadline.models.layout import MOTION, NUISANCES_N
 CURSOR, EVENT, MOVED, PHI = 0, 1, 2, 4
 SCRATCH, DRIVEN, RECORDS = PHI + WIDE * WIDE, PHI + 2 * WIDE * WIDE, PHI + 2 * WIDE * WIDE + WIDE
 KIND_T, LENGTH_T, INDEX_T, ACTIVE_T, MOVED_T, HEAD = 0, 1, 2, 3, 4, 5
-MEASURED, CLONED, DROPPED, OUTPUT = 1, 2, 3, 4
+MEASURED, CLONED, DROPPED, OUTPUT, END = 1, 2, 3, 4, 5
 VERDICT_M, COMPONENTS_M, VALUES_M, MATRICES_M = 0, 1, 2, 3
 
 
@@ -157,11 +159,36 @@ def note_drop(first, n, tape):
 
 
 @kernel()
-def note_output(index, n, state, at, tape):
-    """Write down an output, begun before the copy was advanced: `at` is where its payload goes, `state` the advanced copy."""
-    tape[at] = tape[MOVED]
-    store_transition(n, at + 1, tape)
-    tape[int(tape[CURSOR]) + INDEX_T] = index
-    where = at + 1 + n * n + n
+def close(n, tape):
+    """Write down what was gathered up to the end of the run."""
+    end(begin(END, -1.0, n, tape), tape)
+
+
+@kernel()
+def lay_aside(n, tape):
+    """Begin an output: keep Phi and the driving variances, which its copy will push further, where its payload will be."""
+    at = int(tape[CURSOR])
+    tape[at + MOVED_T], tape[at + ACTIVE_T], tape[at + KIND_T] = 0.0, n, OUTPUT
+    keep = at + HEAD + 1
+    for i in range(n):
+        for j in range(n):
+            tape[keep + i * n + j] = tape[PHI + i * WIDE + j]
+        tape[keep + n * n + i] = tape[DRIVEN + i]
+    tape[keep + n * n + n] = tape[MOVED]
+
+
+@kernel()
+def note_output(index, n, state, tape):
+    """Write down an output, whose copy has been advanced to `state`, and take up again what was laid aside."""
+    at = int(tape[CURSOR])
+    tape[at + INDEX_T], tape[at + HEAD] = index, tape[MOVED]
+    keep = at + HEAD + 1
+    tape[MOVED] = tape[keep + n * n + n]
+    for i in range(n):
+        for j in range(n):
+            k = keep + i * n + j
+            tape[k], tape[PHI + i * WIDE + j] = tape[PHI + i * WIDE + j], tape[k]
+        tape[DRIVEN + i] = tape[keep + n * n + i]
+    where = keep + n * n
     tape[where : where + state.shape[0]] = state
     end(where + state.shape[0], tape)
