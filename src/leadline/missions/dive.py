@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from leadline.assess.arrivals import arrivals
 from leadline.assess.assessment import Assessment, assess
 from leadline.data.errors import InputError
 from leadline.data.inspection import inspect
@@ -112,6 +113,8 @@ def solve_dive(
     solution = run.solve(log, vehicle, progress)
     truth = log.truth if run.at is None else None  # truth is of the body origin
     assessment = assess(solution, truth)
+    happened = sorted([*assessment.happenings, *arrivals(solution, log)], key=lambda happening: happening.start)
+    assessment = replace(assessment, happenings=tuple(happened))
     found = {"distance_m": assessment.distance, "problems": problems, "verdict": verdict_of(assessment)}
     found |= {"happenings": [asdict(happening) for happening in assessment.happenings]}
     solution = replace(solution, summary={**solution.summary, **found})
