@@ -264,6 +264,29 @@ def calibrate_dvl(
 
 
 @app.command()
+def tune(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Folders of logs.")],
+    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
+    sensors: Annotated[str, typer.Option(metavar="A,B", help="Tune these alone; an inertial unit: its noise.")] = "",
+    process: Annotated[bool, typer.Option("--process", help="Tune the process noise as well.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write the fragment; else it is printed.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Estimate the sigmas of sensors and of the process noise from innovations, as a fragment of a vehicle file."""
+    with _progress("tuning") as tell:
+        from leadline.missions.tuning import tune_from_folders
+
+        found, text = tune_from_folders(logs, vehicle, _names(sensors), out, tell, process=process)
+    if as_json:
+        _print_json({"fragment": text, **vars(found), "sigmas": [vars(sigma) for sigma in found.sigmas]})
+        return
+    from leadline.report.tuning import tuning_text
+
+    _print_rich(tuning_text(found))
+    print(text.rstrip() if out is None else f"fragment: {out}")
+
+
+@app.command()
 def warmup() -> None:
     """Compile what can be compiled, once, so that the first run starts at full speed."""
     from leadline.core.compiled import cache_root

@@ -165,15 +165,13 @@ def _text(path: Path) -> str:
     return text
 
 
-def _over(raw: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the keys of `more` over those of `raw`; tables are merged, but for priors, which are taken whole."""
+def _over(raw: Mapping[str, Any], more: Mapping[str, Any], within: str = "") -> dict[str, Any]:
+    """Put the keys of `more` over those of `raw`; tables are merged, but for priors, which are taken whole.  within: name of the table."""
     merged = dict(raw)
     for key, value in more.items():
         known = merged.get(key)
-        whole = (
-            isinstance(value, dict) and any(part.startswith(("value_", "sigma_")) for part in value) and key not in ("sensors", "process")
-        )
-        merged[key] = _over(known, value) if isinstance(value, dict) and isinstance(known, dict) and not whole else value
+        prior = isinstance(value, dict) and within != "sensors" and any(part.startswith(("value_", "sigma_")) for part in value)
+        merged[key] = _over(known, value, key) if isinstance(value, dict) and isinstance(known, dict) and not prior else value
     return merged
 
 
