@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -44,13 +44,17 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from leadline.assess.consistency import Evidence
+    from leadline.assess.errors import Errors
     from leadline.data.records import Array
+    from leadline.data.solution import Solution
     from leadline.data.vehicle import Vehicle
     from leadline.simulate.instruments import Instrument
     from leadline.simulate.trajectory import Trajectory
 
 JUDGED = ("position", "velocity", "attitude", "all")
 LAGS = 10
+Task = TypeVar("Task")
+Done = TypeVar("Done")
 
 
 class Groups(NamedTuple):
@@ -190,25 +194,25 @@ def monte_carlo(
     recorder = Recorder(trajectory, made, truth_rate=1.0 / every, start=start or StartSigmas(), name=mission)
     seeds = tuple(seed_of(mission, number) for number in numbers)
     done = []
+    _ = recorder.steady, recorder.truth  # evaluated once, before it is handed on
     with ExitStack() as stack:
-        for run in _spread(partial(run_once, recorder, vehicle), recorder, seeds, processes, stack):
+        for run in spread(partial(run_once, recorder, vehicle), seeds, processes, stack):
             done.append(run)
             if progress is not None:
                 progress(len(done))
     limit = bound_of(recorder, vehicle, recorder.truth.time)
-    return _study(mission, seeds, recorder.truth.time, limit, done)
+    return study_of(mission, seeds, recorder.truth.time, limit, done)
 
 
-def _spread(work: Callable[[int], Run], recorder: Recorder, seeds: Sequence[int], processes: int, stack: ExitStack) -> Iterable[Run]:
-    """Do the work for each seed, here or in processes of their own; results come in the order of the seeds."""
-    _ = recorder.steady, recorder.truth  # evaluated once, before it is handed on
+def spread(work: Callable[[Task], Done], tasks: Sequence[Task], processes: int, stack: ExitStack) -> Iterable[Done]:
+    """Do the work for each task, here or in processes of their own; results come in the order of the tasks."""
     if processes <= 1:
-        return map(work, seeds)
+        return map(work, tasks)
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     pool = stack.enter_context(ProcessPoolExecutor(processes, mp_context=get_context("spawn")))
-    return pool.map(work, seeds, chunksize=max(1, min(10, len(seeds) // processes)))
+    return pool.map(work, tasks, chunksize=max(1, min(10, len(tasks) // processes)))
 
 
 def run_once(recorder: Recorder, vehicle: Vehicle, seed: int) -> Run:
@@ -217,11 +221,22 @@ def run_once(recorder: Recorder, vehicle: Vehicle, seed: int) -> Run:
     truth = log.truth
     assert isinstance(truth, Truth)
     solution = solve(log, vehicle, times=truth.time)
+    return run_of(solution, vehicle, compared(solution, truth))
+
+
+def compared(solution: Solution, truth: Truth) -> Errors:
+    """Return the errors at all times of truth; raises InputError where some cannot be compared."""
     errors = errors_of(solution, truth)
     if len(errors) != len(truth):
         raise InputError("truth", f"{len(truth) - len(errors)} of its rows cannot be compared", "a trajectory as long as the log")
+    return errors
+
+
+def run_of(solution: Solution, vehicle: Vehicle, errors: Errors) -> Run:
+    """Return what a run leaves; rows that a gate let in because it had widened say nothing of a sigma, and are left out."""
     looked = solution.innovations
-    looked = looked.select(np.isfinite(looked.nis) & (looked.component != ""))
+    judged = np.isfinite(looked.nis) & (looked.component != "") & ~looked.widened & np.isin(looked.outcome, (Outcome.USED, Outcome.GATED))
+    looked = looked.select(judged)
     by_sensor = {name: looked.select(looked.sensor == name) for name in vehicle.sensors}
     groups = {name: _groups(mine) for name, mine in by_sensor.items() if len(mine)}
     correlations = {(name, c): found for name, mine in by_sensor.items() for c, found in _correlations(mine)}
@@ -241,7 +256,7 @@ def _correlations(mine: Innovations) -> Iterator[tuple[str, tuple[int, Array]]]:
             yield str(component), (len(used), autocorrelation(used.residual / used.sigma)[1 : LAGS + 1])
 
 
-def _study(mission: str, seeds: tuple[int, ...], time: Array, limit: Array, runs: Sequence[Run]) -> Study:
+def study_of(mission: str, seeds: tuple[int, ...], time: Array, limit: Array, runs: Sequence[Run]) -> Study:
     """Put runs together."""
     sensors = dict.fromkeys(name for run in runs for name in run.groups)
     components = dict.fromkeys(key for run in runs for key in run.correlations)
