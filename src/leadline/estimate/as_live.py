@@ -21,8 +21,8 @@ from leadline.estimate.events import RANK, Event, Events
 from leadline.estimate.output import solution_of
 from leadline.estimate.plan import IS_OUTPUT, OUT_COV
 from leadline.estimate.snapshot import restore, save
-from leadline.estimate.solve import look_at, status_of
-from leadline.estimate.stream import DEFAULT_RATE, output_times
+from leadline.estimate.solve import inertial_spans, look_at, status_of
+from leadline.estimate.stream import DEFAULT_RATE, inputs_of, output_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -192,6 +192,7 @@ def _named(log: Log, vehicle: Vehicle, navigator: Navigator, ledger: Ledger, tol
     innovations = innovations_of(log, vehicle, looked, told.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate([*ledger.bounded, np.zeros(0)]))  # type: ignore[arg-type]
     summary = {**summary_of(log, vehicle, told.estimator, solution, innovations), "as_live": {"window_s": navigator.window}}
+    summary |= inertial_spans(inputs_of(log, vehicle)[3])
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 

@@ -191,12 +191,15 @@ def budget(
 
 @dataclass(frozen=True)
 class _Found:
+    """Sums so far, by row of the adjoint."""
+
     by_noise: Array  # (POSE, channels)
     by_constant: Array  # (POSE, channels x NUISANCES)
     by_drive: Array  # (POSE, WIDE)
 
     @classmethod
     def nothing(cls, composition: Composition) -> _Found:
+        """Return sums of nothing."""
         count = len(composition.slots)
         return cls(np.zeros((POSE, count)), np.zeros((POSE, count * NUISANCES)), np.zeros((POSE, WIDE)))
 

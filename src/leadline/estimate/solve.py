@@ -23,11 +23,12 @@ from leadline.estimate.smoother import Smoother
 from leadline.estimate.stream import DEFAULT_RATE, Stream, stream_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from leadline.data.records import Array
     from leadline.data.solution import Innovations, Solution
     from leadline.estimate.events import Events, Integers
+    from leadline.estimate.inputs import Span
     from leadline.estimate.navigator import Navigator
     from leadline.estimate.start import Start
 
@@ -97,7 +98,7 @@ def solve(
     solution = passage.track.solution()
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
-    summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream)}
+    summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream.spans)}
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 
@@ -218,10 +219,10 @@ def status_of(start: Start, vehicle: Vehicle, solution: Solution, bounded: Array
     return np.where(solution.status == Status.LOST, int(Status.LOST), status)
 
 
-def inertial_spans(stream: Stream) -> dict[str, Any]:
+def inertial_spans(spans: Sequence[Span]) -> dict[str, Any]:
     """Return where the first inertial unit was silent, as the summary tells it."""
-    spans = [{"kind": s.kind, "sensor": s.sensor, "start_s": s.start, "end_s": s.end} for s in stream.spans]
-    return {"inertial": spans} if spans else {}
+    told = [{"kind": s.kind, "sensor": s.sensor, "start_s": s.start, "end_s": s.end} for s in spans]
+    return {"inertial": told} if told else {}
 
 
 __all__ = ["DEFAULT_RATE", "navigator_for", "solve", "stream_of"]

@@ -168,6 +168,8 @@ def _imu_rows(log: Log, name: str, latency: float, gap: float) -> tuple[Imu, Int
     where = f"{log.path or log.name}: {name}"
     if not isinstance(table, Imu):
         raise InputError(where, f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
+    if len(table) < 2:
+        raise InputError(where, f"gives no interval to navigate over: it has {len(table)} rows", "at least two valid rows")
     order = np.argsort(table.time, kind="stable")
     values = [v for v in (table.gyro, table.accel, table.delta_angle, table.delta_velocity, table.interval) if v is not None]
     good = np.isfinite(table.time) & np.logical_and.reduce([np.isfinite(v.reshape(len(table), -1)).all(axis=1) for v in values])
