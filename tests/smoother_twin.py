@@ -159,7 +159,6 @@ def backward(chain: Chain) -> list[Smoothed]:
     """Smooth by Rauch, Tung and Striebel: G = P A^T P'^-1, d = G d', Ps = P + G (Ps' - P') G^T; no clones.
 
     As A is regular, G = A^-1 (I - Q P'^-1): what is inverted then weighs no more than Q, which saves the digits that P'^-1 costs.
-    Where a state between two epochs is wanted, part 1 of the step to it came first: cov(e, e') = P_between (A A_1^-1)^T.
     """
     d, Ps, found = np.zeros(len(chain.P)), chain.P.copy(), []
     later, d_later, Ps_later = None, d, Ps  # the link ahead, and what is known at its end
@@ -169,9 +168,7 @@ def backward(chain: Chain) -> list[Smoothed]:
                 found.append(smoothed(link.twin, d, Ps))
                 continue
             assert later is not None
-            between, rest = link.aside.after, later.A @ np.linalg.inv(link.aside.A)
-            G = between @ rest.T @ inverse(later.after)
-            found.append(smoothed(link.twin, G @ d_later, between + G @ (Ps_later - later.after) @ G.T))
+            found.append(smoothed(link.twin, *between(link.aside, later, d_later, Ps_later)))
         elif isinstance(link, Row):
             d = d + link.correction
         else:
@@ -180,6 +177,17 @@ def backward(chain: Chain) -> list[Smoothed]:
             d, Ps = G @ d, link.before + G @ (Ps - link.after) @ G.T
             Ps = (Ps + Ps.T) / 2
     return found[::-1]
+
+
+def between(aside: Link, step: Link, d: np.ndarray, Ps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance within a step, of which part 1 led aside, from those at its end.
+
+    What is left of the step is A_2 = A A_1^-1 and Q_2 = Q - A_2 Q_1 A_2^T; so cov(e, e') = P_1 A_2^T, and G as in `backward`.
+    """
+    A = step.A @ np.linalg.inv(aside.A)
+    Q = np.diag(step.q) - A * aside.q @ A.T
+    G = np.linalg.solve(A, np.eye(len(A)) - Q @ inverse(step.after))
+    return G @ d, aside.after + G @ (Ps - step.after) @ G.T
 
 
 def inverse(P: np.ndarray) -> np.ndarray:
@@ -193,25 +201,31 @@ class Batch:
 
     def __init__(self, chain: Chain) -> None:
         """Follow the chain forward, and keep what e (at outputs) and H e (at rows) are made of: `gram`, the covariance of all of them."""
-        self.chain, self.c, self.part = chain, {}, {}  # by place in the chain
+        self.chain, self.c, self.part, self.step = chain, {}, {}, {}  # by place in the chain
         n = len(chain.start)
         size = n + sum(int((link.q > 0).sum()) for link in chain.chain if isinstance(link, Link))
         M, c, taken, kept, count = np.zeros((n, size)), np.zeros(n), n, [], 0
         M[:, :n] = np.linalg.cholesky(chain.start)
+        waiting: list[int] = []  # places of moments within the next step: e at its end says what they are
         for k, link in enumerate(chain.chain):
+            if isinstance(link, Asked) and link.aside is not None:
+                waiting.append(k)
+                continue
             if isinstance(link, Link):
                 grown = np.zeros((len(link.A), size))
                 grown[:, :taken] = link.A @ M[:, :taken]
                 driven = np.flatnonzero(link.q > 0)
                 grown[driven, taken + np.arange(len(driven))] = np.sqrt(link.q[driven])
                 M, c, taken = grown, link.A @ c, taken + len(driven)
-                continue
-            assert isinstance(link, Row) or link.aside is None, "least squares knows no moments between epochs"
+                self.step |= dict.fromkeys(waiting, link)
             H = link.H if isinstance(link, Row) else np.eye(len(M))
-            kept.append(H @ M)
-            self.c[k], self.part[k] = H @ c, np.arange(count, count + len(H))
-            count += len(H)
-            if isinstance(link, Row):
+            for place in waiting if isinstance(link, Link) else [k]:
+                kept.append(H @ M)
+                self.c[place], self.part[place] = H @ c, np.arange(count, count + len(H))
+                count += len(H)
+            if isinstance(link, Link):
+                waiting = []
+            elif isinstance(link, Row):
                 c = c - link.correction
         every = np.vstack(kept)
         self.gram = every @ every.T
@@ -227,8 +241,12 @@ class Batch:
 
     def smoothed(self) -> list[Smoothed]:
         """Smoothed states at all outputs."""
-        asked = [(k, link) for k, link in enumerate(self.chain.chain) if isinstance(link, Asked)]
-        return [smoothed(link.twin, *self.conditioned(k)) for k, link in asked]
+        found = []
+        for k, link in enumerate(self.chain.chain):
+            if isinstance(link, Asked):
+                known = self.conditioned(k)
+                found.append(smoothed(link.twin, *(known if link.aside is None else between(link.aside, self.step[k], *known))))
+        return found
 
     def against_others(self, k: int) -> float:
         """Normalised squared residual of the row at a place against all other rows that were used."""

@@ -144,8 +144,8 @@ def short(request) -> tuple[Case, Batch]:
 
 
 def epochs(log) -> list[float]:
-    """Moments at which there is an event anyway: of inertial rows, of a depth inside the gap, the start and the end."""
-    return [0.0, *log["imu"].time[[1, 75, 100, 244, 385]], log["depth"].time[61], log["imu"].time[-1]]
+    """Moments at which there is an event anyway (of inertial rows, of a depth inside the gap, the start and the end), and between such."""
+    return [0.0, 2.007, 4.8955, 6.17, *log["imu"].time[[1, 75, 100, 244, 385]], log["depth"].time[61], log["imu"].time[-1]]
 
 
 def test_smoothed_states_are_those_of_least_squares(short):
