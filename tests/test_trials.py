@@ -134,7 +134,7 @@ def shortfalls(found: dict[str, Trials]) -> list[str]:
     """What of the bars does not hold: the 99 % interval of each statistic must reach its limit."""
     short = []
     for name, these in found.items():
-        for estimate in these.error:
+        for estimate in these.studies:
             inside = enumerate(these.within(estimate))
             short += [f"{name}: {estimate} error {k} inside {SIGMA} sigma: {i}" for k, i in inside if not i.reaches(at_least=0.99)]
         short += [f"{name}: smoothed error {k} over filtered: {i}" for k, i in enumerate(these.smoothing()) if not i.reaches(1.0)]
@@ -168,10 +168,9 @@ def test_trials_of_a_calm_sea_are_monte_carlo():
     condition = short()
     found = trials([condition], range(3))["short"]
     plain = monte_carlo(condition.recorder.trajectory, condition.vehicle, range(3), start=START, every=5.0)
-    assert np.array_equal(found.error[FILTERED], plain.error)
-    assert np.array_equal(found.study.error, plain.error)
+    assert np.array_equal(found.studies[FILTERED].error, plain.error)
     for sensor, groups in plain.groups.items():
-        assert np.array_equal(groups.nis, found.study.groups[sensor].nis)
+        assert np.array_equal(groups.nis, found.studies[FILTERED].groups[sensor].nis)
 
 
 def test_runs_are_paired_and_the_same_in_any_process():
@@ -179,8 +178,8 @@ def test_runs_are_paired_and_the_same_in_any_process():
     wild = short(WildFixes(sensor="usbl", fraction=0.5, low=50.0, high=60.0), name="wild")
     one, two = trials([short(), wild], (0, 1)), trials([wild, short()], (0, 1), processes=2)
     for name in ("short", "wild"):
-        assert np.array_equal(one[name].error[SMOOTHED], two[name].error[SMOOTHED])
-        assert one[name].study.seeds == tuple(seed_of("mission", run) for run in (0, 1))
+        assert np.array_equal(one[name].studies[SMOOTHED].error, two[name].studies[SMOOTHED].error)
+        assert one[name].seeds == tuple(seed_of("mission", run) for run in (0, 1))
     cost = one["wild"].cost(one["short"])
     assert all(i.estimate == 1.0 for i in one["short"].cost(one["short"]))
     assert max(i.estimate for i in cost) < 1.5  # the wild ones are turned away
@@ -208,7 +207,8 @@ def synthetic(scale, runs=200, times=200, happened=()):
     told = tuple((Happening("gated", "usbl", 0.0, 1.0, 1, "."),) if k in happened else () for k in range(runs))
     answers = tuple(Answer.CONSISTENT if k % 2 else Answer.INCONSISTENT for k in range(runs))
     condition = replace(one.condition, named=(("gated", "usbl"),))
-    return replace(one, condition=condition, error={FILTERED: error, SMOOTHED: 0.5 * error}, inside=inside, answers=answers, happened=told)
+    studies = {name: replace(one.studies[name], error=factor * error) for name, factor in ((FILTERED, 1.0), (SMOOTHED, 0.5))}
+    return replace(one, condition=condition, studies=studies, inside=inside, answers=answers, happened=told)
 
 
 def test_bars_are_judged_by_their_intervals():
@@ -217,7 +217,7 @@ def test_bars_are_judged_by_their_intervals():
     assert all(i.reaches(expected, at_least=expected) for i in right.within())
     assert not any(i.reaches(at_least=0.99) for i in wrong.within())
     assert all(i.estimate == pytest.approx(0.5) and i.reaches(1.0) for i in right.smoothing())
-    worse = replace(right, error={FILTERED: right.error[SMOOTHED], SMOOTHED: right.error[FILTERED]})
+    worse = replace(right, studies={FILTERED: right.studies[SMOOTHED], SMOOTHED: right.studies[FILTERED]})
     assert not any(i.reaches(1.0) for i in worse.smoothing())
     assert right.rmse() == pytest.approx(1.0, abs=0.05)
     assert [i.estimate for i in wrong.cost(right)] == pytest.approx([1.3] * 9)
@@ -249,9 +249,9 @@ def test_a_widened_gate_says_nothing_of_a_sigma():
     condition = replace(short(WildFixes(sensor="usbl", fraction=1.0, low=7.0, high=7.0, begin=10.0), duration=70.0), vehicle=wide)
     found = trials([condition], (0,))["short"]
     assert found.telling("widened", "usbl").estimate == 1.0
-    assert found.study.groups["usbl"].nis.max() < chi2.ppf(0.999, 2)
+    assert found.studies[FILTERED].groups["usbl"].nis.max() < chi2.ppf(0.999, 2)
     narrow = trials([replace(condition, vehicle=vehicle_from_toml(text))], (0,))["short"]
-    assert narrow.study.groups["usbl"].outcome[1] == Outcome.GATED
+    assert narrow.studies[FILTERED].groups["usbl"].outcome[1] == Outcome.GATED
 
 
 def test_nonsense_is_refused():

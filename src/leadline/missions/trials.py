@@ -17,7 +17,7 @@ import numpy as np
 from leadline.assess.arrivals import arrivals
 from leadline.assess.consistency import Answer, consistency
 from leadline.assess.happenings import happenings
-from leadline.assess.intervals import Interval, interval_of_fraction, interval_of_mean, interval_of_rmse_ratio
+from leadline.assess.intervals import LEVEL, Interval, interval_of_fraction, interval_of_mean, interval_of_rmse_ratio
 from leadline.data.errors import InputError
 from leadline.data.records import Imu, Truth
 from leadline.estimate import as_live
@@ -59,10 +59,9 @@ class Condition:
 
 
 class Trial(NamedTuple):
-    """One run: what Monte Carlo keeps of it; errors (times, 9) and shares of times inside (9,) by estimate; its verdict; what happened."""
+    """One run: what Monte Carlo keeps of it and shares of times inside 3 sigma (9,), by estimate; its verdict; what happened."""
 
-    run: Run
-    error: Mapping[str, Array]
+    runs: Mapping[str, Run]
     inside: Mapping[str, Array]
     verdict: str
     answer: Answer
@@ -71,18 +70,22 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True)
 class Trials:
-    """All runs of a condition: errors (runs, times, 9) and shares of times inside 3 sigma (runs, 9) by estimate, over `ERROR_NAMES`.
+    """All runs of a condition: a study and the shares of times inside 3 sigma (runs, 9), over `ERROR_NAMES`, by estimate.
 
-    Estimates: "filtered", "smoothed", and where it was asked for "at once".  study: of the filtered ones; its bound is nan.
+    Estimates: "filtered", "smoothed", and where it was asked for "at once".  A study's bound is nan; innovations are of the filtered.
     """
 
     condition: Condition
-    study: Study
-    error: Mapping[str, Array]
+    studies: Mapping[str, Study]
     inside: Mapping[str, Array]
     verdicts: tuple[str, ...]
     answers: tuple[Answer, ...]
     happened: tuple[tuple[Happening, ...], ...]
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of the runs, in their order."""
+        return self.studies[FILTERED].seeds
 
     def within(self, estimate: str = FILTERED) -> list[Interval]:
         """Return for each of nine errors the share of times inside 3 sigma; runs are independent, the times of one are not."""
@@ -90,19 +93,17 @@ class Trials:
 
     def smoothing(self) -> list[Interval]:
         """Return for each of nine errors RMSE smoothed / filtered, with one standard error to either side."""
-        pairs = zip(np.moveaxis(self.error[SMOOTHED], 2, 0), np.moveaxis(self.error[FILTERED], 2, 0), strict=True)
-        return [interval_of_rmse_ratio(one, other, STANDARD_ERROR) for one, other in pairs]
+        return ratios(self.studies[SMOOTHED].error, self.studies[FILTERED].error, STANDARD_ERROR)
 
     def cost(self, other: Trials, estimate: str = FILTERED) -> list[Interval]:
         """Return for each of nine errors the RMSE of an estimate over that of another condition, run by run with the same seed."""
-        if self.study.seeds != other.study.seeds:
+        if self.seeds != other.seeds:
             raise InputError("trials", f"{self.condition.name} and {other.condition.name} have other seeds", "the same mission and runs")
-        pairs = zip(np.moveaxis(self.error[estimate], 2, 0), np.moveaxis(other.error[estimate], 2, 0), strict=True)
-        return [interval_of_rmse_ratio(mine, theirs) for mine, theirs in pairs]
+        return ratios(self.studies[estimate].error, other.studies[estimate].error)
 
     def rmse(self, estimate: str = FILTERED) -> Array:
         """Return the root mean square (9,) of each error over all runs and times."""
-        return np.asarray(np.sqrt(np.mean(self.error[estimate] ** 2, axis=(0, 1))))
+        return np.asarray(np.sqrt(np.mean(self.studies[estimate].error ** 2, axis=(0, 1))))
 
     def telling(self, kind: str, sensor: str) -> Interval:
         """Return the share of runs in which a happening of a kind and a sensor is told."""
@@ -118,8 +119,14 @@ class Trials:
         return interval_of_fraction(sum(a == answer for a in self.answers), len(self.answers))
 
     def found_wrong(self) -> list[str]:
-        """Return the sentences of what the pooled verdict holds against the vehicle file."""
-        return [verdict.sentence for verdict in self.study.verdicts() if verdict.answer == Answer.INCONSISTENT]
+        """Return the sentences of what the verdicts on all runs together, one on each estimate, hold against the vehicle file."""
+        judged = [(name, verdict) for name, study in self.studies.items() for verdict in study.verdicts()]
+        return [f"{name}, {verdict.sentence}" for name, verdict in judged if verdict.answer == Answer.INCONSISTENT]
+
+
+def ratios(errors: Array, reference: Array, level: float = LEVEL) -> list[Interval]:
+    """Return for each of nine errors (runs, times, 9) the interval of its RMSE over that of a reference, run by run."""
+    return [interval_of_rmse_ratio(errors[:, :, k], reference[:, :, k], level) for k in range(errors.shape[2])]
 
 
 def trials(
@@ -167,8 +174,9 @@ def try_once(condition: Condition, seed: int) -> Trial:
         errors[AT_ONCE] = compared(known_at_once(log, vehicle, truth.time), truth)
     judged = consistency(solution, errors[FILTERED]).verdict
     inside = {name: inside_of(e) for name, e in errors.items()}
-    run, happened = run_of(solution, vehicle, errors[FILTERED]), (*happenings(solution), *arrivals(solution, log))
-    return Trial(run, {name: e.error for name, e in errors.items()}, inside, judged.sentence, judged.answer, happened)
+    seen = {name: run_of(solution, vehicle, e) for name, e in errors.items()}
+    runs = {name: run if name == FILTERED else run._replace(groups={}, correlations={}) for name, run in seen.items()}
+    return Trial(runs, inside, judged.sentence, judged.answer, (*happenings(solution), *arrivals(solution, log)))
 
 
 def inside_of(errors: Errors) -> Array:
@@ -182,8 +190,7 @@ def trials_of(condition: Condition, mission: str, seeds: tuple[int, ...], done: 
     unknown = np.full((len(time), 9, 9), np.nan)
     return Trials(
         condition,
-        study_of(mission, seeds, time, unknown, [trial.run for trial in done]),
-        {name: np.stack([trial.error[name] for trial in done]) for name in done[0].error},
+        {name: study_of(mission, seeds, time, unknown, [trial.runs[name] for trial in done]) for name in done[0].runs},
         {name: np.stack([trial.inside[name] for trial in done]) for name in done[0].inside},
         tuple(trial.verdict for trial in done),
         tuple(trial.answer for trial in done),
