@@ -233,6 +233,17 @@ def test_a_column_of_sigmas_is_told_a_factor_and_written_nowhere():
     assert "times 0.5" in fragment(found) or "times 0.4" in fragment(found)
 
 
+def test_rows_that_state_their_sigma_keep_it_beside_those_that_do_not():
+    log = drawn(8)
+    stated = replace(
+        log["heading"], sigma=np.where(np.arange(len(log["heading"])) % 3 == 0, TRUE["heading.sigma_deg"], np.nan) * radians(1.0)
+    )
+    found = tune([replace(log, tables={**log.tables, "heading": stated})], vehicle_from_toml(text_of(("heading.sigma_deg",), 2.0)))
+    sigma = found["heading.sigma_deg"]
+    assert sigma.low <= TRUE["heading.sigma_deg"] <= sigma.high
+    assert any("81 more rows do not depend on it" in words for words in sigma.remarks), sigma.remarks
+
+
 def test_a_ratio_of_one_leaves_a_run_as_the_file_has_it():
     recording = Recording(drawn(9, duration=60.0), ABOARD)
     before = recording.run(np.zeros(0))

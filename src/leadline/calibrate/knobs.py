@@ -41,7 +41,8 @@ TRIED = (2.0, 3.0)  # times a key
 class Knob:
     """One sigma to tune.  key: as the vehicle file writes it, or "" for a column of the table; value: what the file says, in its unit.
 
-    part: components that a column is the sigma of.  slots: channels whose rows tell of it.  process: whether it drives the motion.
+    part: components that a column is the sigma of.  slots: channels whose rows tell of it; stated: how many of these carry a sigma of
+    their own, that no key moves.  process: whether it drives the motion.
     """
 
     sensor: str
@@ -49,6 +50,7 @@ class Knob:
     value: float = float("nan")
     part: str = ""
     slots: tuple[int, ...] = ()
+    stated: int = 0
     process: bool = False
 
 
@@ -60,8 +62,8 @@ def knobs_of(vehicle: Vehicle, recordings: Sequence[Recording], sensors: Sequenc
         own = {}
         for knob, changes in _in_log(vehicle, recording, sensors, process):
             name = knob.sensor, knob.key, knob.part
-            known = found.setdefault(name, knob)
-            found[name] = replace(known, slots=tuple(sorted({*known.slots, *knob.slots})))
+            known = found.get(name, replace(knob, stated=0))
+            found[name] = replace(known, slots=tuple(sorted({*known.slots, *knob.slots})), stated=known.stated + knob.stated)
             own[name] = changes
         by_log.append(own)
     for recording, own in zip(recordings, by_log, strict=True):
@@ -110,9 +112,10 @@ def _of_sensor(config: SensorConfig, vehicle: Vehicle, recording: Recording) -> 
         if not ("sigma" in parts or "noise" in parts) or (key := written(config, name)) is None:
             continue
         changes = _of_key(config, name, vehicle, recording)
-        slots = tuple(slot for slot, _ in changes)
-        if slots:
-            found.append((Knob(config.name, *key, slots=tuple(sorted(set(slots)))), [change for _, change in changes]))
+        if changes:
+            slots = tuple(sorted({slot for slot, _, _ in changes}))
+            stated = int(np.isin(recording.slot, slots).sum()) - sum(count for _, count, _ in changes)
+            found.append((Knob(config.name, *key, slots=slots, stated=stated), [change for _, _, change in changes]))
             reached |= set(slots)
     for slot in composition.slots_of[config.name]:
         if slot in present and slot not in reached:
@@ -122,8 +125,8 @@ def _of_sensor(config: SensorConfig, vehicle: Vehicle, recording: Recording) -> 
     return found
 
 
-def _of_key(config: SensorConfig, name: str, vehicle: Vehicle, recording: Recording) -> list[tuple[int, Change]]:
-    """Channels and places of the rows that a key acts on; none where it does not act as a variance."""
+def _of_key(config: SensorConfig, name: str, vehicle: Vehicle, recording: Recording) -> list[tuple[int, int, Change]]:
+    """Channels, numbers and places of the rows that a key acts on; none where it does not act as a variance."""
     context, table = Context.of(recording.log, vehicle), recording.log[config.name]
     read = []
     for times in (1.0, *TRIED):
@@ -149,8 +152,8 @@ def _amount(rows: Rows, others: Sequence[Rows]) -> Array | None:
     return shares[0]
 
 
-def _placed(slot: int, rows: Rows, amount: Array, recording: Recording) -> list[tuple[int, Change]]:
-    """The rows of a channel where they stand among the events, stretch by stretch."""
+def _placed(slot: int, rows: Rows, amount: Array, recording: Recording) -> list[tuple[int, int, Change]]:
+    """The rows of a channel that are acted on, where they stand among the events: by stretch the channel, how many, and their places."""
     found, place = [], np.zeros(rows.row.max(initial=0) + 1, np.int64)
     place[rows.row] = np.arange(len(rows.row))
     for events in recording.events:
@@ -158,5 +161,6 @@ def _placed(slot: int, rows: Rows, amount: Array, recording: Recording) -> list[
         share = amount[place[events.row[mine]]]
         row, column = np.nonzero(share)
         if len(row):
-            found.append((slot, Change(events.data, events.start[mine][row] + column, share[row, column])))
+            change = Change(events.data, events.start[mine][row] + column, share[row, column])
+            found.append((slot, len(np.unique(row)), change))
     return found

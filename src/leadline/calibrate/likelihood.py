@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     Flags = npt.NDArray[np.bool_]
 
+HOPELESS = -1e6
 SELDOM = 1e-4  # states per second: none are wanted
 
 
@@ -147,11 +148,11 @@ class Recording:
         self.asked = np.full(len(self.slot), -1), np.full(len(self.slot), np.nan)
 
     def by_row(self, found: Looked, inside: Inside) -> Array:
-        """Log-likelihood (n,) of each measurement; zero outside the gate."""
+        """Log-likelihood (n,) of each measurement; zero outside the gate, and hopeless where a run has broken down."""
         from scipy.special import gammainc
 
         good = inside.rows & np.isfinite(found.nis)
-        value, d = np.zeros(len(self.slot)), self.dof[good]
+        value, d = np.where(inside.rows, HOPELESS, 0.0), self.dof[good]
         log_det = found.log_det[good]
         cut = self.limit[good] * np.exp((inside.log_det[good] - log_det) / d)
         value[good] = -0.5 * (found.nis[good] + log_det) - np.log(gammainc(0.5 * d, 0.5 * cut))

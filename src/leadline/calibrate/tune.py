@@ -146,10 +146,12 @@ def _tuned(fit: Fit, k: int) -> Tuned:
     rows, left = (int(n) for n in np.sum([_counts(knob, r, i) for r, i in zip(fit.recordings, fit.inside, strict=True)], axis=0))
     ratio, (down, up) = float(np.exp(fit.theta[k])), interval(float(fit.covariance[k, k]))
     value = 1.0 if not knob.key else knob.value
-    why = _undetermined(fit, k, rows, max(1.0 / down, up))
+    why = _undetermined(fit, k, rows - knob.stated, max(1.0 / down, up))
     remarks = [why] if why else [_against_file(ratio, down, up)]
     if not knob.key:
         remarks.append("its rows carry a sigma of their own, and no key scales it: scale the column, or leave it out")
+    if knob.stated:
+        remarks.append(f"{knob.stated} more rows do not depend on it (a sigma of their own, or another key)")
     if left and not knob.process:
         remarks.append(_left_words(fit, knob, left, rows))
     if fit.enlarged[k] > MENTIONED and not why:
