@@ -289,23 +289,11 @@ def tune(
 @app.command()
 def warmup() -> None:
     """Compile what can be compiled, once, so that the first run starts at full speed."""
-    from leadline.core.compiled import cache_root
-
     with _progress("compiling"):
-        from leadline.estimate import solve as _  # noqa: F401  (importing compiles)
-        from leadline.models.sensors import (  # noqa: F401
-            acoustic_range,
-            altimeter,
-            attitude,
-            gnss,
-            navigation,
-            position_fix,
-            pressure,
-            speed,
-            water_velocity,
-            yaw_rate,
-            zero_velocity,
-        )
+        from leadline.core.compiled import cache_root
+        from leadline.missions.warmup import warm_up
+
+        warm_up()
     print(f"compiled kernels: {cache_root()}")
 
 
