@@ -268,7 +268,7 @@ def displaced_numerically(view: np.ndarray, dt: float, lever: np.ndarray, time: 
 
 
 def test_displacement() -> None:
-    """Where nothing is displaced yet the Jacobian is exact (1e-6); what it leaves out grows with the displacement, and in proportion.
+    """Where nothing is displaced yet the Jacobian is exact (1e-6); what it leaves out grows with the displacement.
 
     Left out everywhere is how velocity and the direction of gravity turn with place: 1/R.
     """
@@ -283,7 +283,7 @@ def test_displacement() -> None:
             )
         assert wrong[0.0].max() < 1e-6 * (1.0 + abs(np.tan(latitude_of(view))))
         size = abs(dt) + np.linalg.norm(lever)
-        assert wrong[1.0].max() < 2.5 * wrong[0.5].max() + 1e-6
+        assert wrong[1.0].max() < 4.5 * wrong[0.5].max() + 1e-6  # at most as its square
         assert wrong[1.0][:, :TANGENT].max() < size
 
 

@@ -34,7 +34,8 @@ def numeric_columns(table: Table) -> Iterator[tuple[str, str, Array]]:
         parts = value.T if value.ndim > 1 else [value]
         names = [pattern.replace("{i}", str(i + 1)) for i in range(len(parts))] if "{i}" in pattern else expand(pattern, [])
         for name, part in zip(names, parts, strict=True):
-            yield item.name, name, part / UNITS.get(name.rpartition("_")[2], 1.0)
+            factor = UNITS.get(name.rpartition("_")[2], 1.0)
+            yield item.name, name, part if factor == 1.0 else part / factor
     yield from ((name, name, np.asarray(v, float)) for name, v in table.extra.items() if v.dtype.kind == "f")
 
 

@@ -95,14 +95,13 @@ def _slow(log: Log) -> Iterator[Finding]:
 def _sentinels(name: str, table: Table) -> Iterator[Finding]:
     """Numbers that stand for "no number", far from all others."""
     for field, column, values in numeric_columns(table):
-        if field in ("time", "received", "device_time", "sequence") or not len(values):
+        if field in ("time", "received", "device_time", "sequence"):
             continue
-        for sentinel in SENTINELS:
+        low, high = (f(values, initial=0.0, where=np.isfinite(values)) for f in (np.min, np.max))
+        for sentinel in (s for s in SENTINELS if low * (1.0 + 1e-9) <= s <= high * (1.0 + 1e-9)):
             found = np.isclose(values, sentinel, rtol=1e-9, atol=0.0)
-            rest = _finite(values[~found])
-            if found.any() and (
-                not len(rest) or abs(sentinel) > 3.0 * np.abs(rest[np.isin(rest, SENTINELS, invert=True)]).max(initial=0.0)
-            ):
+            rest = _finite(values[~found]) if found.any() else np.full(1, np.inf)
+            if not len(rest) or abs(sentinel) > 3.0 * np.abs(rest[np.isin(rest, SENTINELS, invert=True)]).max(initial=0.0):
                 sentence = f"{column} is {sentinel:g} in {found.sum()} rows: does it mean 'not measured'? leave the cell empty"
                 yield Finding("suspicion", name, sentence, {"value": sentinel, "rows": int(found.sum())})
 
