@@ -281,11 +281,11 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, 
     if params[g + STUDENT_DOF] > 0.0:
         factor *= student_factor(R, T, r, params[g + STUDENT_DOF], factor, c, work[256 + COMPONENTS * WIDE :])
     nis = judge(R, T, L, Y, r, y, factor, c, n, result)
+    if nis != nis:
+        return INVALID
     verdict = USED
     result[WIDENED] = 1.0 if params[g + STUDENT_DOF] > 0.0 else 0.0
     if not nis < params[g + LIMIT] and result[VERDICT] != ADMIT:
-        if nis != nis:
-            return INVALID
         result[WIDENED] = 1.0
         if not nis < limit_of(params, g, state[TIME] - state[LAST_USED + channel]):
             result[WIDENED] = 0.0
@@ -295,6 +295,8 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, 
                 opened(P, H, L, Y, y, nis, d, c, n, work[256 + COMPONENTS * WIDE :])
                 project(P, H, Y, T, c, n)
                 nis = judge(R, T, L, Y, r, y, factor, c, n, result)
+                if nis != nis:
+                    return INVALID
                 verdict, result[WIDENED] = REANCHORED, 1.0
     if tape.shape[0] > 0:
         note_measurement(plan, channel, verdict, H, Hn, L, Y, y, c, n, tape)
