@@ -46,6 +46,8 @@ def solution_of(reference: Reference, composition: Composition, time: Array, out
     with np.errstate(invalid="ignore", over="ignore"):
         point = shifted(view, unpacked(output[:, at.OUT_COV : at.OUT_X]), lever_b)
     lost = ~np.isfinite(output).all(axis=1)
+    found, depth = estimates(composition, output), context.surface - point[2]
+    bottom = found.get("seabed.depth")
     north, east = geodesy.north_east(point[0], point[1], origin.latitude, origin.longitude)
     return Solution(
         epoch=reference.epoch,
@@ -54,7 +56,7 @@ def solution_of(reference: Reference, composition: Composition, time: Array, out
         latitude=point[0],
         longitude=point[1],
         height=point[2],
-        depth=context.surface - point[2],
+        depth=depth,
         north=north,
         east=east,
         velocity_n=point[3],
@@ -62,7 +64,8 @@ def solution_of(reference: Reference, composition: Composition, time: Array, out
         covariance=point[5],
         status=np.where(lost, int(Status.LOST), int(Status.AIDED)),
         innovations=EMPTY,
-        nuisances=estimates(composition, output),
+        nuisances=found,
+        altitude=None if bottom is None else bottom.value - depth,
     )
 
 
