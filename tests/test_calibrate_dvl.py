@@ -1,4 +1,4 @@
-"""Scale, mounting and lever arm of a Doppler log: found within their sigmas, held against each other, and refused where they cannot be had."""
+"""Scale, mounting and lever arm of a Doppler log: found within their sigmas, logs held against each other, refused where not to be had."""
 
 from dataclasses import replace
 from math import radians

@@ -229,10 +229,8 @@ def test_a_clock_is_shared_by_its_sensors():
 
 
 def test_a_lever_arm_of_a_sensor_that_looks_twice_is_refused():
-    text = (
-        VEHICLE
-        + '[sensors.ranges]\nkind = "acoustic_range"\nsigma_m = 1.0\npath = "two_way"\n[sensors.ranges.nuisance]\nlever = { sigma_m = 0.1 }\n'
-    )
+    text = VEHICLE + '[sensors.ranges]\nkind = "acoustic_range"\nsigma_m = 1.0\npath = "two_way"\n'
+    text += "[sensors.ranges.nuisance]\nlever = { sigma_m = 0.1 }\n"
     with pytest.raises(InputError, match="give these no prior"):
         solve(recorded(), vehicle_from_toml(text))
 

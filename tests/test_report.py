@@ -19,8 +19,8 @@ from leadline.report.html import report_page, write_report
 from leadline.report.text import assessment_text, summary_text
 
 SECTIONS = (
-    "happenings", "run", "map", "depth", "velocity", "attitude", "uncertainty", "nuisance", "errors", "misclosure", "residuals", "nis", "outcomes",
-    "tests",
+    "happenings", "run", "map", "depth", "velocity", "attitude", "uncertainty", "nuisance", "errors", "misclosure", "residuals", "nis",
+    "outcomes", "tests",
 )  # fmt: skip
 
 

@@ -71,6 +71,26 @@ def normalised(E, e, c, work):
 
 
 @kernel()
+def residual(tape, r, q, c, n, l, e):
+    """E = y + Y l."""
+    for a in range(c):
+        e[a] = tape[r + a]
+        for j in range(n):
+            e[a] += tape[q + a * n + j] * l[j]
+
+
+@kernel()
+def turned(tape, q, c, n, L, G):
+    """G = L Y^T, a row for each component."""
+    for a in range(c):
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += L[i * WIDE + j] * tape[q + a * n + j]
+            G[a * WIDE + i] = s
+
+
+@kernel()
 def back_over_measurement(tape, at, n, l, L, work):
     """Take a measurement into the adjoint; returns its normalised residual against all others."""
     used, c = tape[at + VERDICT_M] in (USED, REANCHORED), int(tape[at + COMPONENTS_M])
@@ -78,21 +98,13 @@ def back_over_measurement(tape, at, n, l, L, work):
     q = h + c * n
     r = q + c * n
     e, E, G = work[:COMPONENTS], work[8 : 8 + 64], work[256 : 256 + COMPONENTS * WIDE]
-    for a in range(c):
-        e[a] = tape[r + a]
-        for j in range(n):
-            e[a] += tape[q + a * n + j] * l[j]
+    residual(tape, r, q, c, n, l, e)
     if used:
         for a in range(c):
             for j in range(n):
                 l[j] -= tape[h + a * n + j] * e[a]
         # L <- L - H^T G^T - G H + H^T (M + I) H with G = L Y^T, M = Y G
-        for a in range(c):
-            for i in range(n):
-                s = 0.0
-                for j in range(n):
-                    s += L[i * WIDE + j] * tape[q + a * n + j]
-                G[a * WIDE + i] = s
+        turned(tape, q, c, n, L, G)
         for a in range(c):
             for b in range(c):
                 s = 1.0 if a == b else 0.0
@@ -107,16 +119,8 @@ def back_over_measurement(tape, at, n, l, L, work):
                 for j in range(n):
                     L[i * WIDE + j] += half * tape[h + a * n + j]
                     L[j * WIDE + i] += half * tape[h + a * n + j]
-        for a in range(c):  # e, against the estimate before the measurement
-            e[a] = tape[r + a]
-            for j in range(n):
-                e[a] += tape[q + a * n + j] * l[j]
-    for a in range(c):
-        for i in range(n):
-            s = 0.0
-            for j in range(n):
-                s += L[i * WIDE + j] * tape[q + a * n + j]
-            G[a * WIDE + i] = s
+        residual(tape, r, q, c, n, l, e)  # against the estimate before the measurement
+    turned(tape, q, c, n, L, G)
     for a in range(c):
         for b in range(c):
             s, t = 0.0, 0.0
@@ -228,13 +232,13 @@ def backward(plan, params, tape, starts, l, L, work, points, view, scratch, othe
         elif kind == OUTPUT:
             smooth_output(plan, params, tape, at, n, l, L, work, points, view, scratch, out[int(tape[start + INDEX_T])])
         if moved:
-            F, turned = tape[start + HEAD :], work[:WIDE]
+            F, moved_l = tape[start + HEAD :], work[:WIDE]
             for j in range(n):
-                turned[j] = 0.0
+                moved_l[j] = 0.0
             for i in range(n):
                 for j in range(n):
-                    turned[j] += F[i * n + j] * l[i]
-            l[:n] = turned[:n]
+                    moved_l[j] += F[i * n + j] * l[i]
+            l[:n] = moved_l[:n]
             congruent(F, L, L, n, plan[MOTION], WIDE, work)
             symmetrise(L, n)  # what is not symmetric in L would grow: by e in an hour
     return count

@@ -42,7 +42,7 @@ def _lines(track: Track) -> Iterator[dict[str, Any]]:
             continue
         lines = [[_rounded(point) for point in part.tolist()] for part in parts]
         geometry = {"type": "LineString", "coordinates": lines[0]} if len(lines) == 1 else {"type": "MultiLineString", "coordinates": lines}
-        told = {"kind": "track", "status": str(status[first]), "start": str(utc[first]), "end": str(utc[end - 1])}
+        told: dict[str, Any] = {"kind": "track", "status": str(status[first]), "start": str(utc[first]), "end": str(utc[end - 1])}
         told |= {"states": end - first, "sigma_horizontal_m": _number(np.max(sigma[first:end]))}
         yield {"type": "Feature", "geometry": geometry, "properties": told}
 

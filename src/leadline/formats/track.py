@@ -85,7 +85,7 @@ def track_of(solution: Solution, every: float = 0.0) -> Track:
     kept = np.flatnonzero(good)
     if not len(kept):
         raise InputError("solution", f"none of its {len(s)} states has a position that is a number", "solve the log again")
-    piece = np.cumsum(np.diff(kept, prepend=kept[0]) > 1)
+    piece = np.cumsum(np.diff(kept, prepend=kept[0]) > 1, dtype=np.int64)
     if every > 0.0:
         thin = _thinned(s.time[kept], every, piece, s.status[kept])
         kept, piece = kept[thin], piece[thin]
