@@ -28,6 +28,7 @@ from leadline.simulate.trajectory import Lawnmower, Place, survey
 
 RUNS, FEW = 100, 5
 DURATION, SIGMA = 1200.0, 3
+EVERY = 7.0  # s between looks at the truth: no fraction of the half minute between fixes, so that each delay is met
 START = StartSigmas(position=2.0, depth=0.2, velocity=0.05, tilt=radians(0.3), heading=radians(1.0))
 PLACE = Place(radians(45.0), radians(10.0), depth=20.0, surface_height=10.0)
 PLAN = Lawnmower(legs=6, length=250.0, spacing=40.0, speed=1.5, heading=radians(30.0))
@@ -92,7 +93,7 @@ def dives(rate=100.0, duration=DURATION):
     """The dive of three vehicles: plain, by beams, with a second inertial unit."""
     trajectory = survey(PLACE, PLAN, duration=duration)
     vehicles = {"plain": vehicle(rate), "beams": vehicle(rate, beams=True), "second": vehicle(rate, second=True)}
-    return {k: (Recorder(trajectory, instruments_of(v), truth_rate=0.2, start=START), v) for k, v in vehicles.items()}
+    return {k: (Recorder(trajectory, instruments_of(v), truth_rate=1.0 / EVERY, start=START), v) for k, v in vehicles.items()}
 
 
 def conditions(rate=100.0):
@@ -167,7 +168,7 @@ def short(*faults, name="short", duration=60.0, **keywords):
 def test_trials_of_a_calm_sea_are_monte_carlo():
     condition = short()
     found = trials([condition], range(3))["short"]
-    plain = monte_carlo(condition.recorder.trajectory, condition.vehicle, range(3), start=START, every=5.0)
+    plain = monte_carlo(condition.recorder.trajectory, condition.vehicle, range(3), start=START, every=EVERY)
     assert np.array_equal(found.studies[FILTERED].error, plain.error)
     for sensor, groups in plain.groups.items():
         assert np.array_equal(groups.nis, found.studies[FILTERED].groups[sensor].nis)
@@ -208,7 +209,7 @@ def synthetic(scale, runs=200, times=200, happened=()):
     answers = tuple(Answer.CONSISTENT if k % 2 else Answer.INCONSISTENT for k in range(runs))
     condition = replace(one.condition, named=(("gated", "usbl"),))
     studies = {name: replace(one.studies[name], error=factor * error) for name, factor in ((FILTERED, 1.0), (SMOOTHED, 0.5))}
-    return replace(one, condition=condition, studies=studies, inside=inside, answers=answers, happened=told)
+    return replace(one, condition=condition, studies=studies, inside=inside, answers=answers, happened=told, spared=(frozenset(),) * runs)
 
 
 def test_bars_are_judged_by_their_intervals():
@@ -231,6 +232,20 @@ def test_what_must_be_told_must_be_told_in_each_run():
     assert some.telling("gated", "usbl").estimate == 0.995
     assert some.telling("gated", "dvl").estimate == 0.0
     assert [s for s in shortfalls({"it": some}) if "not told" in s] == ["it: not told: gated of usbl"]
+    lucky = replace(some, spared=(*[frozenset()] * 199, frozenset({"usbl"})))
+    assert lucky.untold() == []
+    assert replace(some, spared=(frozenset({"usbl"}),) * 200).untold() == [("gated", "usbl")]
+
+
+def test_a_run_that_a_fault_spares_is_known():
+    """Of two fixes that are wild with a chance of 0.3, half of the runs have one."""
+    condition = short(WildFixes(sensor="usbl", fraction=0.3, low=50.0, high=60.0), Outage(sensor="dvl", begin=40.0), duration=50.0)
+    found = trials([condition], range(8))["short"]
+    for seed, left, happened in zip(found.seeds, found.spared, found.happened, strict=True):
+        wild = troubled(condition.recorder.draw(seed), condition.faults, seed)["usbl"].extra["outlier"]
+        assert left == (frozenset() if wild.any() else frozenset({"usbl"}))
+        assert any(h.sensor == "usbl" for h in happened) == bool(wild.any())
+    assert 0 < sum(map(len, found.spared)) < 8
 
 
 def test_shortfalls_find_an_overconfident_vehicle_file():

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from leadline.assess.errors import Errors
     from leadline.assess.happenings import Happening
     from leadline.data.log import Log
-    from leadline.data.records import Array
+    from leadline.data.records import Array, Table
     from leadline.data.solution import Solution
     from leadline.data.vehicle import Vehicle
     from leadline.simulate.dive import Recorder
@@ -59,13 +59,17 @@ class Condition:
 
 
 class Trial(NamedTuple):
-    """One run: what Monte Carlo keeps of it and shares of times inside 3 sigma (9,), by estimate; its verdict; what happened."""
+    """One run: what Monte Carlo keeps of it and shares of times inside 3 sigma (9,), by estimate; its verdict; what happened.
+
+    spared: sensors that a fault, by chance, left as they were.
+    """
 
     runs: Mapping[str, Run]
     inside: Mapping[str, Array]
     verdict: str
     answer: Answer
     happened: tuple[Happening, ...]
+    spared: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ class Trials:
     verdicts: tuple[str, ...]
     answers: tuple[Answer, ...]
     happened: tuple[tuple[Happening, ...], ...]
+    spared: tuple[frozenset[str], ...]
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -106,13 +111,14 @@ class Trials:
         return np.asarray(np.sqrt(np.mean(self.studies[estimate].error ** 2, axis=(0, 1))))
 
     def telling(self, kind: str, sensor: str) -> Interval:
-        """Return the share of runs in which a happening of a kind and a sensor is told."""
-        told = sum(any((h.kind, h.sensor) == (kind, sensor) for h in run) for run in self.happened)
-        return interval_of_fraction(told, len(self.happened))
+        """Return the share of runs in which a happening of a kind and a sensor is told, of those in which the sensor was not spared."""
+        struck = [run for run, spared in zip(self.happened, self.spared, strict=True) if sensor not in spared]
+        told = sum(any((h.kind, h.sensor) == (kind, sensor) for h in run) for run in struck)
+        return interval_of_fraction(told, len(struck))
 
     def untold(self) -> list[tuple[str, str]]:
-        """Return what must be told and is not told in every run."""
-        return [(kind, sensor) for kind, sensor in self.condition.named if self.telling(kind, sensor).estimate < 1.0]
+        """Return what must be told and is not told in every run, or in no run could be."""
+        return [(kind, sensor) for kind, sensor in self.condition.named if self.telling(kind, sensor).estimate != 1.0]  # nan: never struck
 
     def answered(self, answer: Answer = Answer.CONSISTENT) -> Interval:
         """Return the share of runs whose own verdict is this."""
@@ -176,7 +182,19 @@ def try_once(condition: Condition, seed: int) -> Trial:
     inside = {name: inside_of(e) for name, e in errors.items()}
     seen = {name: run_of(solution, vehicle, e) for name, e in errors.items()}
     runs = {name: run if name == FILTERED else run._replace(groups={}, correlations={}) for name, run in seen.items()}
-    return Trial(runs, inside, judged.sentence, judged.answer, (*happenings(solution), *arrivals(solution, log)))
+    return Trial(
+        runs, inside, judged.sentence, judged.answer, (*happenings(solution), *arrivals(solution, log)), spared(healthy, log, condition)
+    )
+
+
+def spared(healthy: Log, log: Log, condition: Condition) -> frozenset[str]:
+    """Return the sensors of a condition's faults whose rows are what they were."""
+    return frozenset(fault.sensor for fault in condition.faults if _alike(healthy[fault.sensor], log[fault.sensor]))
+
+
+def _alike(one: Table, other: Table) -> bool:
+    columns = [(getattr(one, c.name), getattr(other, c.name), c.metadata["text"]) for c in one.columns()]
+    return all(a is b or (a is not None and b is not None and np.array_equal(a, b, equal_nan=not text)) for a, b, text in columns)
 
 
 def inside_of(errors: Errors) -> Array:
@@ -195,6 +213,7 @@ def trials_of(condition: Condition, mission: str, seeds: tuple[int, ...], done: 
         tuple(trial.verdict for trial in done),
         tuple(trial.answer for trial in done),
         tuple(trial.happened for trial in done),
+        tuple(trial.spared for trial in done),
     )
 
 
