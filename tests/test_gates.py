@@ -75,28 +75,42 @@ def horizontal(solution, log):
 # Student's t
 
 
-def textbook_factor(R, T, r, dof):
-    """The fixed point by matrices: f = (nu + trace R^-1 (e e^T + cov e)) / (nu + c), with e the residual after the update."""
-    f, c = 1.0, len(r)
-    for _ in range(200):
-        gain = T @ np.linalg.inv(T + f * R)
-        e, covariance = r - gain @ r, T - gain @ T
-        f = (dof + np.trace(np.linalg.solve(R, np.outer(e, e) + covariance))) / (dof + c)
-    return f
+def likeliest_factor(R, T, r, dof):
+    """By brute force: the mode of log f for noise f R, with f inverse-gamma (what makes Gaussian noise Student's t)."""
+
+    def likelihood(u):
+        S = T + np.exp(u) * R
+        return -np.linalg.slogdet(S)[1] - r @ np.linalg.solve(S, r) - dof * (u + np.exp(-u))
+
+    grid = np.linspace(-3.0, 25.0, 28001)
+    return np.exp(grid[np.argmax([likelihood(u) for u in grid])])
 
 
-@pytest.mark.parametrize("size", [0.5, 3.0, 30.0])
-def test_factor_of_student_is_the_fixed_point(size):
+@pytest.mark.parametrize("vague", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize("size", [0.5, 3.0, 100.0])
+def test_factor_of_student_is_the_likeliest(size, vague):
+    """Also where the estimate is far vaguer than the measurement, and a far residual might be the one or the other."""
     generator = np.random.default_rng(4)
     for c in (1, 2, 3):
         a, b = generator.normal(size=(2, c, c))
-        R, T, r = a @ a.T + np.eye(c), 0.3 * b @ b.T, size * generator.normal(size=c)
-        flat = np.zeros((COMPONENTS, COMPONENTS))
-        flat[:c, :c] = T
-        padded = np.zeros((COMPONENTS, COMPONENTS))
-        padded[:c, :c] = R
+        R, T = a @ a.T + np.eye(c), vague * (b @ b.T + 0.1 * np.eye(c))
+        r = size * np.linalg.cholesky(T + R) @ generator.normal(size=c)
+        flat, padded = np.zeros((2, COMPONENTS, COMPONENTS))
+        flat[:c, :c], padded[:c, :c] = T, R
         found = student_factor(padded, flat.ravel(), np.pad(r, (0, COMPONENTS - c)), 4.0, 1.0, c, np.zeros(512))
-        assert found == pytest.approx(textbook_factor(R, T, r, 4.0), rel=0.02)
+        assert found == pytest.approx(likeliest_factor(R, T, r, 4.0), rel=3e-3)
+
+
+def test_a_far_fix_has_no_weight_for_a_student_even_if_nothing_is_known():
+    """A prior of 10 m and a first fix 100 m off: the plain gate turns it away, and Student's t must not take it in."""
+    log = recorded()
+    fixes = log["usbl"]
+    first = np.arange(len(fixes)) == np.argmin(fixes.time)
+    moved = np.where(first, fixes.latitude + 100.0 / 6.37e6, fixes.latitude)
+    log = replace(log, tables={**log.tables, "usbl": replace(fixes, latitude=moved)}, initial=replace(log.initial, sigma_position=10.0))
+    error = errors_of(solve(log, aboard(usbl="student_dof = 4.0")), log.truth)
+    assert error.horizontal[3] < 30.0
+    assert error.horizontal[-1] < 3.0
 
 
 def test_wild_fixes_hurt_a_student_less_than_an_open_gate():

@@ -106,7 +106,7 @@ def _value(prior: Prior | None, axes: int) -> Array:
 
 
 def _broadened(vehicle: Vehicle, sensor: str, centre: Array) -> Vehicle:
-    """The vehicle with a Doppler log of which little is known, and a gate that lets it show."""
+    """The vehicle with a Doppler log of which little is known."""
     config = vehicle[sensor]
     parts = {"scale": slice(0, 1), "mounting": slice(1, 4), "lever": slice(4, 7)}
     priors = {name: Prior(centre[part], BROAD[part]) for name, part in parts.items()}
@@ -135,13 +135,14 @@ def combined(sensor: str, names: Sequence[str], centre: Array, found: Sequence[t
     vectors = [np.linalg.inv(p) @ x - told @ centre for x, p in found]
     covariance = np.linalg.inv(told + sum(information, np.zeros_like(told)))
     value = covariance @ (told @ centre + sum(vectors, np.zeros(len(BROAD))))
-    square, dof, size = 0.0, 0, len(BROAD)
+    square, dof = 0.0, 0
     for i, v in zip(information, vectors, strict=True):  # (x_k - x)^T I_k (x_k - x) in units of the prior, where the log says something
         w, e = np.linalg.eigh(0.5 * (i + i.T) * np.outer(BROAD, BROAD))
         strong = w > 1.0
         square += float(np.sum(((e.T @ (BROAD * (v - i @ value)))[strong] ** 2) / w[strong]))
         dof += int(strong.sum())
-    dof = max(0, dof - size)
+    together = 0.5 * (sum(information) + sum(information).T) * np.outer(BROAD, BROAD)  # type: ignore[union-attr]
+    dof = max(0, dof - int((np.linalg.eigvalsh(together) > 1.0).sum()))
     p = float(gammaincc(0.5 * dof, 0.5 * square)) if dof and len(found) > 1 else 1.0
     enlarged = float(np.sqrt(max(1.0, square / dof))) if p < UNLIKELY else 1.0
     covariance = covariance * enlarged**2
@@ -177,11 +178,13 @@ def fragment(found: DvlCalibration, vehicle: Vehicle) -> str:
         f"# from {', '.join(found.logs)}",
         f"[sensors.{found.sensor}]",
     ]
-    if np.all(sigma[4:] < LEVER_KNOWN):
+    known = bool(np.all(sigma[4:] < LEVER_KNOWN))
+    if known:
         arm = vehicle[found.sensor].lever_arm_b + value[4:]
         lines.append(f"lever_arm_m = {_listed(arm, 3)}  # sigma {_listed(sigma[4:], 3)}")
     lines += [
         f"[sensors.{found.sensor}.nuisance]",
+        *(["lever = { value_m = [0.0, 0.0, 0.0] }"] if known and "lever" in vehicle[found.sensor].nuisance else []),
         f"scale = {{ value_percent = {100.0 * value[0]:.4f}, sigma_percent = {100.0 * sigma[0]:.4f} }}",
         f"mounting = {{ value_deg = {_listed(turn * value[1:4], 4)}, sigma_deg = {_listed(turn * sigma[1:4], 4)} }}",
     ]

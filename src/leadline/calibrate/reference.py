@@ -37,6 +37,8 @@ def referenced(log: Log, vehicle: Vehicle, reference: str, fixes: Table | None =
                 where, "has no gnss or position_fix that the vehicle file names with two rows", "give --reference truth or a FILE"
             )
         return log, vehicle
+    if reference not in ("truth", "ends"):
+        raise InputError("reference", f"'{reference}' is not known", "give fixes, truth, ends, or a table of fixes")
     truth = log.truth
     if truth is None:
         raise InputError(where, "has no table of kind truth", "give --reference fixes or a FILE")

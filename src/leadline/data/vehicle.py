@@ -139,7 +139,8 @@ class Vehicle:
         for name in names:
             self[name]
         kept = {k: v for k, v in self.sensors.items() if k not in names}
-        return replace(self, sensors=kept, excluded=self.excluded | set(names))
+        standby = None if self.process.standby in names else self.process.standby
+        return replace(self, sensors=kept, excluded=self.excluded | set(names), process=replace(self.process, standby=standby))
 
 
 def read_vehicle(path: str | Path, *fragments: str | Path) -> Vehicle:
@@ -256,6 +257,7 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
     keys = vehicle_keys.check_head(given, where)
     kind = keys.get("kind", name if name in KINDS else None) or _kind_of_preset(keys.get("preset"), where)
     vehicle_keys.check_kind(kind, keys.get("model"), where)
+    _check_idle(keys, kind, where)
     filled = _merged(_preset(keys.get("preset"), kind, where), keys)
     checked = vehicle_keys.check_sensor(filled, kind, where)
     common = {k: checked[k] for k in ("clock", "repeats", "model", "preset", "standby_for") if checked.get(k) is not None}
@@ -274,6 +276,19 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
         written=filled,
         **common,
     )
+
+
+def _check_idle(keys: Mapping[str, Any], kind: str, where: str) -> None:
+    """Refuse keys that would do nothing."""
+    idle: tuple[str, ...] = (
+        ("student_dof", "gate_widening_s", "reanchor_after", "every_s", "standby_for", "clock", "repeats") if kind == "imu" else ()
+    )
+    why = "an inertial unit drives the process model, and is not judged"
+    if "student_dof" in keys and kind != "imu":
+        idle, why = ("gate_probability", "gate_widening_s", "reanchor_after"), "with student_dof no row is turned away"
+    for key in idle:
+        if key in keys:
+            raise InputError(f"{where}.{key}", f"{keys[key]!r} would do nothing: {why}", "take it out")
 
 
 def _merged(preset: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from leadline.estimate import plan as at
 from leadline.estimate.output import solution_of
 from leadline.estimate.run import Results
 from leadline.estimate.smoother import Smoother
-from leadline.estimate.stream import stream_of
+from leadline.estimate.stream import inputs_of, stream_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,8 +68,7 @@ def aligned(log: Log, vehicle: Vehicle, start: Start, begin: Callable[[Start], N
 
 def _end(log: Log, vehicle: Vehicle, start: Start) -> float:
     """The last moment that alignment may look at."""
-    last = float(np.nanmax(log[vehicle.process.imu].time)) - vehicle[vehicle.process.imu].latency
-    return min(start.time + vehicle.process.align, last)
+    return min(start.time + vehicle.process.align, inputs_of(log, vehicle)[2])
 
 
 def turned(start: Start, heading: float, sigma: float) -> Start:

@@ -18,11 +18,13 @@ from leadline.estimate.account import innovations_of, looked_at, summary_of
 from leadline.estimate.assembly import navigator_for
 from leadline.estimate.composition import output_size
 from leadline.estimate.events import RANK, Event, Events
+from leadline.estimate.inputs import spans_of
 from leadline.estimate.output import solution_of
-from leadline.estimate.plan import IS_OUTPUT, OUT_COV
+from leadline.estimate.plan import IS_INPUT, IS_OUTPUT, OUT_COV
 from leadline.estimate.snapshot import restore, save
 from leadline.estimate.solve import inertial_spans, look_at, status_of
 from leadline.estimate.stream import DEFAULT_RATE, inputs_of, output_times
+from leadline.models.imu import INPUT_SIZE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,6 +56,7 @@ class Ledger:
     navigator: Navigator
     looked: list[Innovations] = field(default_factory=list)
     bounded: list[Array] = field(default_factory=list)
+    inputs: list[tuple[Array, Array]] = field(default_factory=list)  # times and rows
     groups: int = 0
 
     def note(self, window: Window, cut: int) -> None:
@@ -69,6 +72,8 @@ class Ledger:
             sensor=[window.name(i) for i in range(cut)],
             row=window.row[:cut].copy(),
         )
+        own = np.flatnonzero(events.kind == IS_INPUT)
+        self.inputs.append((events.time[own], window.rows[own, :INPUT_SIZE].copy()))
         measured = np.flatnonzero(events.measured)
         outcome, result = window.outcome[measured].copy(), window.result[measured].copy()
         self.looked.append(looked_at(composition, events, outcome, result, self.groups))
@@ -130,10 +135,11 @@ def solve_as_live(
     names = tuple(n for n in vehicle.sensors if n in log.tables and n not in navigator.unmodelled)
     order = list(deliveries(log, names, inertial, after, np.inf if end is None else end))
     if not order:
-        raise InputError(f"{log.path or log.name}", f"has no row that arrived after {after} s", "resume with a log that goes on")
+        found = f"has no row that arrived after {after} s" if np.isfinite(after) else f"has no row that arrived up to {end} s"
+        raise InputError(f"{log.path or log.name}", found, "resume with a log that goes on, or deliver more of it")
     ledger, outcome = Ledger(navigator), {name: np.full(len(log[name]), int(Outcome.OUTSIDE_RUN)) for name in names}
     navigator.on_final = ledger.note
-    moments = _moments(log, inertial, navigator.time, rate, times, end)
+    moments = _moments(log, vehicle, navigator.time, rate, times, end)
     navigator.outputs = np.full((max(1, len(moments)), output_size(navigator.composition.layout)), np.nan)
     first_row = {name: navigator.rows[name] for name in navigator.rows}
     asked = 0
@@ -165,14 +171,17 @@ class _Told:
     first: dict[str, int]  # by sensor: how many had been delivered before
 
 
-def _moments(log: Log, inertial: tuple[str, ...], start: float, rate: float, times: Array | None, end: float | None) -> Array:
+def _moments(log: Log, vehicle: Vehicle, start: float, rate: float, times: Array | None, end: float | None) -> Array:
     """When states are wanted, as far as inputs can reach."""
-    stamps = np.concatenate([log[name].time[arrivals(log[name]) <= (np.inf if end is None else end)] for name in inertial])
-    last = float(np.nanmax(stamps)) if len(stamps) else start
+    covered = inputs_of(log, vehicle)[2]
+    last = covered if end is None else min(covered, max(start, end))
     if times is None:
         return output_times(start, last, rate) if last > start else np.array([start])
     wanted = np.sort(np.asarray(times, float))
-    return wanted[(wanted >= start) & (wanted <= last)]
+    inside = wanted[(wanted >= start) & (wanted <= last)]
+    if not len(inside):
+        raise InputError("times", f"none of {len(wanted)} lies in the run", f"the run is from {start} to {last} s")
+    return inside
 
 
 def _named(log: Log, vehicle: Vehicle, navigator: Navigator, ledger: Ledger, told: _Told, begun: object) -> Solution:
@@ -192,7 +201,9 @@ def _named(log: Log, vehicle: Vehicle, navigator: Navigator, ledger: Ledger, tol
     innovations = innovations_of(log, vehicle, looked, told.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate([*ledger.bounded, np.zeros(0)]))  # type: ignore[arg-type]
     summary = {**summary_of(log, vehicle, told.estimator, solution, innovations), "as_live": {"window_s": navigator.window}}
-    summary |= inertial_spans(inputs_of(log, vehicle)[3])
+    time, data = (np.concatenate(parts) for parts in zip(*ledger.inputs, strict=True))
+    spans = spans_of(time, data, navigator.time, (vehicle.process.imu, vehicle.process.standby))
+    summary |= inertial_spans([replace(s, start=max(s.start, navigator.start)) for s in spans])
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 

@@ -164,6 +164,8 @@ def budget(
         channel.epochs == 2 and n.considered for s in navigator.composition.slots for channel in (s.channel,) for n in channel.nuisances
     ):
         raise InputError("budget", "has a constant of a sensor that looks at two epochs", "estimate it, or give it no sigma")
+    if any(n.considered for s in navigator.composition.slots for part in s.channel.displacing.values() for n in part):
+        raise InputError("budget", "has a lever arm, time offset or clock that is not estimated", "estimate it, or give it no sigma")
     composition, told = navigator.composition, progress or (lambda _: None)
     first = navigator.state.copy()
     checkpoints = []

@@ -87,6 +87,9 @@ class Events:
 def ordered(batches: Sequence[Batch]) -> Events:
     """Put batches into one stream."""
     batches = [batch for batch in batches if len(batch.time)]
+    if not batches:
+        nothing = np.zeros(0, np.int64)
+        return Events(np.zeros(0), nothing, nothing, nothing, np.zeros(0), nothing, [], nothing)
     length = [batch.data.shape[1] for batch in batches]
     count = [len(batch.time) for batch in batches]
     time = np.concatenate([batch.time for batch in batches])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from leadline.data.outcome import Outcome
+from leadline.data.records import after
 from leadline.models.imu import INPUT_SIZE, TIME_M, InputStream
 from leadline.models.inertial import DEVICE_U, PRESENT_U
 
@@ -53,7 +54,9 @@ class Inputs:
     second: InputStream | None = None
     time: Array = field(default_factory=lambda: np.zeros(0))  # of the second unit's inputs that may still be wanted
     data: Array = field(default_factory=lambda: np.zeros((0, INPUT_SIZE)))
-    handed: float = -np.inf  # up to when the second unit's inputs have been handed out
+    handed: float = -np.inf  # the last of the second unit's inputs that was handed out in this silence
+    begun: float = -np.inf  # when the second unit's first input began
+    waiting: Imu | None = None  # a row beyond a gap that no other has confirmed yet
 
     @classmethod
     def of(cls, imu: SensorConfig, standby: SensorConfig | None) -> Inputs:
@@ -68,52 +71,107 @@ class Inputs:
     @property
     def covered(self) -> float:
         """The time up to which inputs are known."""
-        if self.second is None or self.second.covered <= self.first.covered + self.first.gap:
-            return self.first.covered
-        return self.second.covered
+        return self.second.covered if self.second is not None and self.silent else self.first.covered
+
+    @property
+    def silent(self) -> bool:
+        """Whether the first unit has been silent for longer than its gap, or for so long from the start, as the second one tells."""
+        if self.second is None:
+            return False
+        since = self.first.covered if np.isfinite(self.first.covered) else self.begun
+        return self.second.covered > since + self.first.gap
 
     def push(self, name: str, table: Imu) -> Pushed:
-        """Take in rows of one of the units, in order of time."""
-        return self._push_first(table) if name == self.first.name else self._push_second(table)
+        """Take in rows of one of the units, in order of time.
+
+        A row of the first unit that comes after a gap is held back until another follows it: one wrong stamp far ahead must not condemn
+        all that comes after.
+        """
+        if name != self.first.name:
+            return self._push_second(table)
+        count = len(table)
+        if self.waiting is not None:
+            table, self.waiting = self._confirmed(self.waiting, table), None
+        time = table.time - self.first.latency
+        newest = float(np.max(time[:-1], initial=self.first.covered, where=np.isfinite(time[:-1])))
+        if len(table) and np.isfinite(newest) and time[-1] > newest + self.first.gap:
+            self.waiting = table.select(slice(-1, None))  # type: ignore[assignment]
+            pushed = self._push_first(table.select(slice(0, -1)))  # type: ignore[arg-type]
+            pushed = pushed._replace(outcome=np.append(pushed.outcome, int(Outcome.USED)))
+        else:
+            pushed = self._push_first(table)
+        return pushed._replace(outcome=pushed.outcome[len(pushed.outcome) - count :])
+
+    def _confirmed(self, waiting: Imu, table: Imu) -> Imu:
+        """New rows, behind the one that waited where they confirm it."""
+        near = np.isfinite(table.time) & (table.time > waiting.time[0]) & (table.time <= waiting.time[0] + self.first.gap)
+        return after(waiting, table) if near.any() else table  # type: ignore[return-value]
 
     def _push_first(self, table: Imu) -> Pushed:
+        before = self.first.covered
         time, data, outcome = self.first.push(table)
-        if self.second is None:
+        if self.second is None or not len(time):
             return Pushed(time, data, outcome)
-        absent = np.flatnonzero(data[:, PRESENT_U] == 0.0)
-        pieces, last = [], 0
-        for i in absent:
+        pieces, last, withdrawn = [], 0, np.inf
+        handed = self.handed
+        if not np.isfinite(before):  # its first rows: before them the second unit's inputs act
+            if np.isfinite(self.begun) and time[0] > self.begun + self.first.gap:
+                pieces.append(self._missing(self.begun, float(time[0]), handed))
+            withdrawn = float(time[0]) if handed >= time[0] else np.inf
+        elif np.isfinite(handed):  # a silence, or rows that were only late in arriving
+            silence = data[0, PRESENT_U] == 0.0
+            begins = float(time[1]) if silence else before
+            withdrawn = begins if handed >= begins or not silence else np.inf
+        for i in np.flatnonzero(data[:, PRESENT_U] == 0.0).tolist():
             pieces.append((time[last:i], data[last:i]))
-            pieces.append(self.fill(float(time[i]), float(time[i + 1])))
-            last = int(i) + 1
+            pieces.append(self._missing(float(time[i]), float(time[i + 1]), handed))
+            last = i + 1
         pieces.append((time[last:], data[last:]))
-        withdrawn = float(time[absent[0]]) if len(absent) and self.handed > time[absent[0]] else np.inf
-        self.handed = self.first.covered
-        kept = max(0, int(np.searchsorted(self.time, self.first.covered - 1.0)) - 1)
-        self.time, self.data = self.time[kept:], self.data[kept:]
+        self.handed = -np.inf
+        self._trim(self.first.covered)
         return Pushed(np.concatenate([t for t, _ in pieces]), np.concatenate([d for _, d in pieces]), outcome, withdrawn)
+
+    def _missing(self, start: float, end: float, handed: float) -> tuple[Array, Array]:
+        """What of the second unit's inputs from `start` to `end` is not in the stream yet."""
+        time, data = self.fill(max(start, handed), end) if handed < end else (np.zeros(0), np.zeros((0, INPUT_SIZE)))
+        fresh = time > handed
+        return time[fresh], data[fresh]
+
+    def _trim(self, moment: float) -> None:
+        kept = max(0, int(np.searchsorted(self.time, moment - 1.0)) - 1)
+        self.time, self.data = self.time[kept:], self.data[kept:]
 
     def _push_second(self, table: Imu) -> Pushed:
         assert self.second is not None
         time, data, outcome = self.second.push(table)
         data[:, DEVICE_U] = SECOND
         self.time, self.data = np.concatenate([self.time, time]), np.concatenate([self.data, data])
-        if np.isinf(self.first.covered) or self.second.covered <= self.first.covered + self.first.gap:
+        if np.isinf(self.begun) and len(self.time):
+            self.begun = float(self.time[0])
+        if not self.silent:
             outcome[outcome == Outcome.USED] = Outcome.STANDBY
             return Pushed(np.zeros(0), np.zeros((0, INPUT_SIZE)), outcome)
-        fresh, rows = self.fill(self.first.covered, self.second.covered)
-        keep = fresh > self.handed if self.handed > self.first.covered else np.ones(len(fresh), bool)
-        self.handed = max(float(fresh[-1]), self.first.covered + 1e-9) if len(fresh) else self.handed
-        return Pushed(fresh[keep], rows[keep], outcome)
+        start = self.first.covered if np.isfinite(self.first.covered) else self.begun
+        fresh, rows = self._missing(start, self.second.covered, self.handed)
+        self.handed = float(fresh[-1]) if len(fresh) else self.handed
+        self._trim(self.handed)
+        return Pushed(fresh, rows, outcome)
+
+    def stand_by(self, table: Imu) -> npt.NDArray[np.int64]:
+        """Take in all rows of the second unit, in order of time, before those of the first; returns their outcomes."""
+        assert self.second is not None
+        self.time, self.data, outcome = self.second.push(table)
+        self.data[:, DEVICE_U] = SECOND
+        self.begun = float(self.time[0]) if len(self.time) else -np.inf
+        return outcome
 
     def fill(self, start: float, end: float) -> tuple[Array, Array]:
         """Return the second unit's inputs that act from `start` to `end`, with an absence where it is silent as well."""
         assert self.second is not None
-        inside = (self.time > start) & (self.time < end)
-        time, data = self.time[inside], self.data[inside]
-        before = int(np.searchsorted(self.time, start, side="right")) - 1
+        first, last = np.searchsorted(self.time, start, side="right"), np.searchsorted(self.time, end, side="left")
+        time, data = self.time[first:last], self.data[first:last]
         absent = np.zeros((1, INPUT_SIZE))
-        head = self.data[before : before + 1] if before >= 0 and self.second.covered > start else absent
+        head = self.data[first - 1 : first] if first > 0 and self.second.covered > start else absent
         time, data = np.concatenate([[start], time]), np.concatenate([head, data])
         if start < self.second.covered < end:
             time, data = np.concatenate([time, [self.second.covered]]), np.concatenate([data, absent])

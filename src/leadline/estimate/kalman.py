@@ -68,6 +68,7 @@ from leadline.estimate.plan import (
 from leadline.estimate.tape import DRIVEN, note_measurement, push_transition
 from leadline.models.layout import (
     ACTIVE,
+    BEGUN,
     CHANNELS_N,
     CLONE_ERROR,
     CLONE_NOMINAL,
@@ -287,7 +288,7 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, 
     result[WIDENED] = 1.0 if params[g + STUDENT_DOF] > 0.0 else 0.0
     if not nis < params[g + LIMIT] and result[VERDICT] != ADMIT:
         result[WIDENED] = 1.0
-        if not nis < limit_of(params, g, state[TIME] - state[LAST_USED + channel]):
+        if not nis < limit_of(params, g, state[TIME] - max(state[BEGUN], state[LAST_USED + channel])):
             result[WIDENED] = 0.0
             verdict = GATED
             run = params[g + REANCHOR_AFTER]

@@ -71,6 +71,8 @@ class Navigator:
         self.screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
         self.kinds = {name: s.config.kind for name, s in self._sensors.items()}
+        twice = [s.flight for s in composition.sensors if any(channel.epochs == 2 for channel in s.channels)]
+        self.flight = max(twice, default=0.0)  # a late row may look so far back behind its own time (s)
         self.rows = dict.fromkeys(self._sensors, 0)  # seen so far, by sensor
         widest = max([at_least for s in composition.slots for at_least in (s.channel.row_length + s.channel.epochs - 1,)] + [16])
         self.events = Window(tuple(self._sensors), widest)
@@ -223,7 +225,7 @@ class Navigator:
         while self.done < ready:
             if not self.checkpoints or self.done - self.checkpoints[-1].place >= CHECKPOINT_EVERY:
                 self.checkpoints.append(Checkpoint(self.done, self.state.copy()))
-            last = min(ready, self.checkpoints[-1].place + CHECKPOINT_EVERY)
+            last = events.whole(min(ready, self.checkpoints[-1].place + CHECKPOINT_EVERY), ready)
             self._consume(self.done, last)
             self.done = last
         self._forget()
@@ -241,7 +243,7 @@ class Navigator:
 
     def _forget(self) -> None:
         """Drop events and checkpoints that no row inside the window can need."""
-        oldest, cut = self.time - self.window, 0
+        oldest, cut = self.time - self.window - self.flight, 0
         while len(self.checkpoints) > 1 and self.events.time[self.checkpoints[1].place] < oldest:
             cut = self.checkpoints[1].place
             self.checkpoints.pop(0)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections import Counter, deque
+from dataclasses import replace
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from leadline.data.errors import InputError
-from leadline.data.records import KINDS
+from leadline.data.log import Origin
+from leadline.data.records import KINDS, Imu
 from leadline.estimate import plan as at
 from leadline.estimate.navigator import Checkpoint
 from leadline.estimate.window import COLUMNS
@@ -46,6 +48,7 @@ def save(navigator: Navigator, path: Path, arrived: float) -> None:
         arrays["states"] = np.stack([c.state for c in navigator.checkpoints])
     told: dict[str, Any] = {
         "version": VERSION, "fingerprint": fingerprint(navigator), "arrived": arrived, "window": navigator.window, "start": navigator.start,
+        "origin": None if navigator.reference is None else [navigator.reference.origin.latitude, navigator.reference.origin.longitude],
         "done": navigator.done, "trimmed": navigator.trimmed, "rows": navigator.rows,
         "counts": {k: dict(v) for k, v in navigator.counts.items()},
         "outcomes": [[*key, code] for key, code in navigator.outcomes.items()],
@@ -55,7 +58,11 @@ def save(navigator: Navigator, path: Path, arrived: float) -> None:
     arrays |= {f"recent.{k}": s.recent for k, s in navigator.screens.items()}
     if inputs is not None:
         arrays |= {"inputs.first": inputs.first.memory, "inputs.time": inputs.time, "inputs.data": inputs.data}
-        told["handed"] = inputs.handed
+        told["handed"], told["begun"] = inputs.handed, inputs.begun
+        if inputs.waiting is not None:
+            waiting = inputs.waiting
+            arrays |= {f"waiting.{c.name}": v for c in waiting.columns() if (v := getattr(waiting, c.name)) is not None}
+            told["sample"] = waiting.sample
         if inputs.second is not None:
             arrays["inputs.second"] = inputs.second.memory
     for name, table in navigator.recent.items():
@@ -93,6 +100,8 @@ def restore(navigator: Navigator, path: Path) -> float:
     navigator.state[:] = arrays["state"]
     navigator.window, navigator.start, navigator.done = told["window"], told["start"], told["done"]
     navigator.trimmed, navigator.rows = told["trimmed"], told["rows"]
+    if navigator.reference is not None and told["origin"] is not None:
+        navigator.reference = replace(navigator.reference, origin=Origin(*told["origin"]))
     navigator.counts = {k: Counter(v) for k, v in told["counts"].items()}
     navigator.outcomes = {(name, row): code for name, row, code in told["outcomes"]}
     navigator.turned_away = deque((time, (name, row)) for time, name, row in told["turned_away"])
@@ -104,6 +113,10 @@ def restore(navigator: Navigator, path: Path) -> float:
         screen.recent = arrays[f"recent.{name}"]
     if navigator.inputs is not None:
         navigator.inputs.first.memory, navigator.inputs.handed = arrays["inputs.first"], told["handed"]
+        navigator.inputs.begun = told["begun"]
+        if "sample" in told:
+            rows = {k.removeprefix("waiting."): v for k, v in arrays.items() if k.startswith("waiting.")}
+            navigator.inputs.waiting = Imu(**rows, sample=told["sample"])
         navigator.inputs.time, navigator.inputs.data = arrays["inputs.time"], arrays["inputs.data"]
         if navigator.inputs.second is not None:
             navigator.inputs.second.memory = arrays["inputs.second"]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.core import attitude, geodesy
+from leadline.core.water import ATMOSPHERE, depth_of_pressure, surface_gravity
 from leadline.data.errors import InputError
 from leadline.data.log import Origin
 from leadline.data.outcome import Outcome
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 SIGMA_POSITION, SIGMA_DEPTH, SIGMA_VELOCITY = 10.0, 1.0, 2.0
 SOON = 2.0  # s
+WEIGHT, PRESSURE_TO_DEPTH = 1e4, 0.5  # Pa per metre of water; m that a depth by pressure may be off at the start
 SIGMA_TILT, SIGMA_LEVELLED, SIGMA_UNKNOWN_TILT, SIGMA_HEADING = 0.02, 0.05, 0.2, 0.05
 
 
@@ -93,7 +95,7 @@ def start_of(log: Log, vehicle: Vehicle, context: Context, sensors: tuple[Sensor
     depth, sigma_depth = _depth(source, time, quaternion)
     latitude, longitude, sigma_position = _position(source, time, quaternion)
     velocity = _velocity(source, time, quaternion)
-    velocity_known = initial.velocity_north is not None
+    velocity_known = any(v is not None for v in (initial.velocity_north, initial.velocity_east, initial.velocity_down))
     return Start(
         time,
         latitude,
@@ -171,7 +173,21 @@ def _depth(source: Source, time: float, quaternion: Array) -> tuple[float, float
         config, row = found
         lever = attitude.matrix_from_quaternion(quaternion) @ config.lever_arm_b
         return float(row.depth[0] - lever[2]), max(2.0 * config.value("sigma"), 0.1)
+    if found := source.first("pressure", "pressure", time):
+        config, row = found
+        lever = attitude.matrix_from_quaternion(quaternion) @ config.lever_arm_b
+        sigma = 2.0 * config.value("sigma") / WEIGHT + PRESSURE_TO_DEPTH
+        return float(_depth_of_pressure(config, row) - lever[2]), sigma
     return 0.0, SIGMA_DEPTH
+
+
+def _depth_of_pressure(config: SensorConfig, row: Any) -> float:
+    """Depth of a row of absolute pressure, with gravity of middle latitudes: good to half a percent, which its sigma contains."""
+    air = config.value("atmosphere", ATMOSPHERE)
+    if row.atmosphere is not None and np.isfinite(row.atmosphere[0]):
+        air = float(row.atmosphere[0])
+    gauge, density = float(row.pressure[0]) - air, config.value("density", 0.0)
+    return gauge / (density * surface_gravity(0.5)) if density > 0.0 else float(depth_of_pressure(gauge, surface_gravity(0.5)))
 
 
 def _velocity(source: Source, time: float, quaternion: Array) -> Array:

@@ -15,7 +15,7 @@ from leadline.data.records import Imu
 from leadline.estimate import plan as at
 from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered
 from leadline.estimate.inputs import Conditioned, Inputs, Made, Span, spans_of
-from leadline.models.imu import InputStream
+from leadline.models.imu import INPUT_SIZE, InputStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -144,12 +144,17 @@ def _of_two(
     assert inputs.second is not None
     imu, second, outcome = inputs.first, inputs.second, {}
     table, order, _ = _imu_rows(log, standby, second.latency, second.gap)
-    outcome[standby] = _placed(inputs.push(standby, table).outcome, order, len(log[standby]))
-    table, order, _ = _imu_rows(log, imu.name, imu.latency, imu.gap)
-    time, data, found, _ = inputs.push(imu.name, table)
-    outcome[imu.name] = _placed(found, order, len(log[imu.name]))
-    if inputs.covered > imu.covered:  # the first unit fell silent for good
-        more, rows = inputs.fill(imu.covered, second.covered)
+    outcome[standby] = _placed(inputs.stand_by(table), order, len(log[standby]))
+    time, data = np.zeros(0), np.zeros((0, INPUT_SIZE))
+    try:
+        table, order, _ = _imu_rows(log, imu.name, imu.latency, imu.gap)
+    except InputError:  # it never said anything
+        outcome[imu.name] = np.full(len(log.tables.get(imu.name, ())), int(Outcome.INVALID))
+    else:
+        time, data, found, _ = inputs.push(imu.name, table)
+        outcome[imu.name] = _placed(found, order, len(log[imu.name]))
+    if inputs.silent:  # the first unit fell silent for good
+        more, rows = inputs.fill(imu.covered if np.isfinite(imu.covered) else inputs.begun, second.covered)
         time, data = np.concatenate([time, more]), np.concatenate([data, rows])
     spans = spans_of(time, data, inputs.covered, (imu.name, standby))
     stamps = log[standby].time - second.latency

@@ -70,6 +70,12 @@ class Window:
         """Return the sensor of an event."""
         return self.sensors[self.source[i]] if self.source[i] >= 0 else ""
 
+    def whole(self, last: int, most: int) -> int:
+        """Return a place from `last` on, up to `most`, that does not part the events of one row."""
+        while last < most and self.source[last] >= 0 and (self.source[last], self.row[last]) == (self.source[last - 1], self.row[last - 1]):
+            last += 1
+        return last
+
     def insert(self, event: Event) -> int:
         """Put an event in its place, and return that."""
         if self.count == len(self.time):

@@ -174,14 +174,15 @@ class InputStream:
         """
         before = self.memory[TURNING_M : TURNING_M + 3]
         rate = data[:, RATE_I : RATE_I + 3]
-        known = np.concatenate([before[None], rate[:-1]]) if len(rate) else rate
+        turned = np.where(data[:, PRESENT_I, None] != 0.0, rate, np.nan)  # of what came before a gap nothing is known
+        known = np.concatenate([before[None], turned[:-1]]) if len(rate) else rate
         follows = (data[:, PRESENT_I] != 0.0) & np.isfinite(known).all(axis=1)
         step = np.where(data[:, INTERVAL_I] > 0.0, data[:, INTERVAL_I], 1.0)[:, None]
         turning = np.where(follows[:, None], (rate - known) / step, 0.0)
         pull = np.cross(turning, self.arm_b) + np.cross(rate, np.cross(rate, self.arm_b))
         data[:, FORCE_I : FORCE_I + 3] -= np.where(data[:, PRESENT_I, None] != 0.0, pull, 0.0)
         if len(rate):
-            self.memory[TURNING_M : TURNING_M + 3] = rate[-1]
+            self.memory[TURNING_M : TURNING_M + 3] = turned[-1]
 
 
 def rates_of(table: Imu) -> tuple[Array, Array, Array]:

@@ -190,8 +190,10 @@ def _entries(number: int, unit: SensorConfig) -> list[tuple[int, str, int, int]]
     found = []
     for name in NAMES:
         prior = unit.nuisance.get(name)
-        if prior is None or not prior.estimate:
+        if prior is None:
             continue
+        if not prior.estimate:
+            raise InputError(f"sensors.{unit.name}.nuisance.{name}", "is not to be estimated", "take it out: it can only be estimated")
         if np.isfinite(prior.tau) or np.isfinite(prior.length) or prior.walk:
             raise InputError(f"sensors.{unit.name}.nuisance.{name}", "wanders", "give value and sigma alone: it is a constant")
         offset = RATE_U if name.startswith("gyro") else FORCE_U

@@ -36,7 +36,8 @@ LAYOUT_END = BLOCK + BLOCK_SIZE * MOST_BLOCKS
 
 # The head of the float array `state`.
 TIME, ACTIVE, INPUT, INPUTS, CLONE_TIME, MOST_CLONES = 0, 1, 2, 9, 11, 4
-LAST_USED = CLONE_TIME + MOST_CLONES  # then, also by channel, the number of rejections in a row
+BEGUN = CLONE_TIME + MOST_CLONES  # when the run began
+LAST_USED = BEGUN + 1  # then, also by channel, the number of rejections in a row
 CLONE_NOMINAL, CLONE_ERROR = PLACE + 4, 6
 
 
@@ -160,7 +161,7 @@ class Layout:
         """Return the flat state of a start: motion and nuisances as given, no clone, no channel used yet."""
         state = np.zeros(self.size)
         state[TIME], state[ACTIVE] = time, self.fixed
-        state[CLONE_TIME : CLONE_TIME + MOST_CLONES] = np.nan
+        state[CLONE_TIME : CLONE_TIME + MOST_CLONES], state[BEGUN] = np.nan, time
         state[LAST_USED : LAST_USED + self.channels] = -np.inf
         values = np.concatenate([x, [nuisance.value for nuisance in self.nuisances]])
         state[self.x.start : self.x.start + len(values)] = values
