@@ -232,10 +232,11 @@ def test_what_is_no_instruments_own_has_tables_of_its_own() -> None:
 
 
 def test_a_gate_and_a_second_instrument_are_of_the_sensor() -> None:
-    keys = "student_dof = 4.0\ngate_widening_s = 30.0\nreanchor_after = 5\nevery_s = 0.5\nstandby_for = 'dvl'\nstandby_after_s = 3.0\n"
+    keys = "gate_widening_s = 30.0\nreanchor_after = 5\nevery_s = 0.5\nstandby_for = 'dvl'\nstandby_after_s = 3.0\n"
     found = vehicle("[sensors.dvl]\nsigma_mps = 0.01\n[sensors.dvl_b]\nkind = 'dvl'\nsigma_mps = 0.01\n" + keys)
     plain, second = found["dvl"], found["dvl_b"]
-    assert (second.gate.student_dof, second.gate.widening, second.gate.reanchor_after) == (4.0, 30.0, 5)
+    assert (second.gate.student_dof, second.gate.widening, second.gate.reanchor_after) == (None, 30.0, 5)
+    assert vehicle("[sensors.dvl]\nsigma_mps = 0.01\nstudent_dof = 4.0\n")["dvl"].gate.student_dof == 4.0
     assert (second.every, second.standby_for, second.standby_after) == (0.5, "dvl", 3.0)
     assert (plain.gate.student_dof, plain.gate.widening, plain.gate.reanchor_after) == (None, None, None)
     assert (plain.every, plain.standby_for, plain.standby_after) == (0.0, None, 2.0)
@@ -246,6 +247,7 @@ def test_a_gate_and_a_second_instrument_are_of_the_sensor() -> None:
 DVL = "[sensors.dvl]\nsigma_mps = 0.01\n"
 WRONG = {
     "unknown key": ("[sensors.dvl]\nsigma_mp = 0.01\n", ["sensors.dvl", "'sigma_mp' (0.01)", "did you mean 'sigma_mps'?"]),
+    "a gate beside student": (DVL + "student_dof = 4.0\nreanchor_after = 5\n", ["dvl.reanchor_after", "would do nothing", "take it out"]),
     "unknown key of process": ("[process]\nimuu = 'imu'\n", ["process", "'imuu' ('imu')", "did you mean 'imu'?"]),
     "unknown table": ("[sensor.dvl]\nsigma_mps = 0.01\n", ["unknown key 'sensor'", "did you mean 'sensors'?"]),
     "unknown key of prior": (DVL + "nuisance.scale = { sigma = 1.0 }\n", ["dvl.nuisance.scale", "'sigma' (1.0)", "mean 'sigma_percent'?"]),
