@@ -118,9 +118,9 @@ def test_a_snapshot_of_another_vehicle_is_refused(tmp_path):
         with pytest.raises(InputError, match="other states"):
             solve_as_live(log, other, resume=file)
     file.write_bytes(b"nothing")
-    with pytest.raises(InputError, match="no snapshot"):
+    with pytest.raises(InputError, match="is no snapshot; give"):
         solve_as_live(log, ABOARD, resume=file)
-    with pytest.raises(InputError, match="no snapshot"):
+    with pytest.raises(InputError, match="is no file; give a file that --snapshot wrote"):
         solve_as_live(log, ABOARD, resume=tmp_path / "missing.npz")
 
 

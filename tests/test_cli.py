@@ -379,6 +379,7 @@ WRONG_OPTIONS = [
     (["--rate", "nan"], ["rate"]),
     (["--rate", "inf"], ["rate"]),
     (["--rate", "often"], ["--rate"]),
+    (["--until", "nan"], ["--until"]),
     (["--only", "dvll"], ["did you mean 'dvl'"]),
     (["--without", "sonar"], ["'sonar'"]),
     (["--without", "imu"], ["imu"]),
@@ -431,6 +432,24 @@ def test_somebodys_folder_is_not_touched(desk: Desk, tmp_path: Path) -> None:
     desk.out = desk.log
     desk.refused(desk.solve(), str(desk.log))
     assert read_log(desk.log)["imu"]
+
+
+def test_a_snapshot_takes_the_place_of_a_snapshot_only(desk: Desk, tmp_path: Path) -> None:
+    notes, snapshot = tmp_path / "elsewhere" / "notes.txt", tmp_path / "elsewhere" / "aboard.npz"
+    notes.parent.mkdir()
+    notes.write_text("mine")
+    desk.refused(desk.solve("--as-live", "--until", "20", "--snapshot", notes), "--snapshot", "is there already")
+    assert notes.read_text() == "mine"
+    snapshot.write_bytes(b"older")
+    assert desk.solve("--as-live", "--until", "20", "--snapshot", snapshot)[0] == 0
+    assert snapshot.stat().st_size > 1000
+
+
+def test_states_of_a_sensor_are_not_judged_by_truth_of_the_body(desk: Desk) -> None:
+    assert desk.solve("--at", "dvl")[0] == 0
+    code, out, err = desk.run("assess", desk.out, "--truth", desk.log)
+    assert (code, out) == (2, "")
+    assert "holds the states of 'dvl'" in err
 
 
 def test_a_place_that_is_a_file_or_lies_in_one(desk: Desk) -> None:

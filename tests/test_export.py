@@ -381,7 +381,10 @@ def test_trouble_is_one_line(dive, tmp_path, capsys):
     assert "is missing" in refused(capsys, "export", tmp_path, "--out", tmp_path / "a.kml")
     (tmp_path / "file").write_text("")
     assert "cannot be written" in refused(capsys, "export", place, "--out", tmp_path / "file" / "a.kml")
-    assert sorted(os.listdir(tmp_path)) == ["file", "solution"]
+    (tmp_path / "a.kml").write_text("mine")
+    assert "is there already" in refused(capsys, "export", place, "--out", tmp_path / "a.kml")
+    assert (tmp_path / "a.kml").read_text() == "mine"
+    assert sorted(os.listdir(tmp_path)) == ["a.kml", "file", "solution"]
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -229,6 +229,13 @@ def test_reanchoring_and_widened_gates():
     assert [(h.kind, h.start, h.count) for h in found] == [("gated", 200.0, 40), ("reanchored", 220.0, 1), ("widened", 350.0, 20)]
 
 
+def test_student_has_no_gate_that_could_widen():
+    part = quiet(TIME)
+    widened = np.ones(len(TIME), bool)
+    assert [h.kind for h in told(replace(part, widened=widened))] == ["widened"]
+    assert not told(replace(part, widened=widened, gate_probability=np.ones(len(TIME))))
+
+
 def test_status():
     time = np.arange(0.0, 1001.0)
     status = np.select([time < 60, (time >= 300) & (time < 400), time >= 900], [Status.ALIGNING, Status.DEAD_RECKONING, Status.LOST], 1)

@@ -155,7 +155,12 @@ def assess(
         reference = read_log(truth).truth
         if reference is None:
             raise InputError(truth, "has no table of kind truth", "give a log that has one")
-    assessment = judge(read_solution(solution), reference)
+    found = read_solution(solution)
+    if reference is not None and "at" in found.summary:
+        raise InputError(
+            solution, f"holds the states of '{found.summary['at']}'", "truth is of the body origin: solve without --at to compare"
+        )
+    assessment = judge(found, reference)
     if as_json:
         _print_json(assessment.to_dict())
         return
@@ -178,6 +183,8 @@ def export(
     from leadline.formats.solution import read_solution
 
     name = format_of(out, to)
+    if out.exists():
+        raise InputError(out, "is there already", "name a new file")
     count = write(read_solution(solution), out, name, every=every, scale=time)
     print(f"{name}: {out}   states: {count}")
 

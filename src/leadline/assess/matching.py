@@ -34,12 +34,16 @@ class States:
 
 
 def found(rows: Array, time: Array) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Tell for each time whether it lies between the first and the last row, and how far its nearest row is (s)."""
+    """Tell for each time whether it lies between the first and the last row, and how far its nearest row is (s).
+
+    Between rows that are far apart nothing is near but the rows themselves: there it is half their distance at least.
+    """
     if not len(rows):
         return np.zeros(len(time), bool), np.full(len(time), np.inf)
-    before, after, _, _ = _between(rows, time)
+    before, after, _, interval = _between(rows, time)
     inside = (time >= rows[0]) & (time <= rows[-1])
-    return inside, np.minimum(np.abs(time - rows[before]), np.abs(rows[after] - time))
+    nearest = np.minimum(np.abs(time - rows[before]), np.abs(rows[after] - time))
+    return inside, np.where(nearest > 1e-6, np.maximum(nearest, 0.5 * interval), nearest)
 
 
 def states_at(solution: Solution, time: Array) -> States:

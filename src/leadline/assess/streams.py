@@ -101,9 +101,10 @@ def _stream(sensor: str, beam: str, entries: Innovations) -> Stream:
     """One entry for each row, in order of time."""
     looked = entries.component != ""
     tails, rarities = np.where(looked, 1.0 - entries.gate_probability, 0.0), _rarity(entries)
+    widened = entries.widened & ((tails > 0.0) | (entries.outcome == Outcome.REANCHORED))  # Student's t has no gate to widen
     row, where = np.unique(entries.row, return_inverse=True)
     if len(row) == len(entries):
-        number, time, outcome, held, wide = entries.row, entries.time, entries.outcome, looked, entries.widened
+        number, time, outcome, held, wide = entries.row, entries.time, entries.outcome, looked, widened
         tail, rarity = tails, rarities
     else:
         number, time, outcome = row, np.full(len(row), np.inf), np.zeros(len(row), np.int64)
@@ -114,7 +115,7 @@ def _stream(sensor: str, beam: str, entries: Innovations) -> Stream:
         np.add.at(tail, where, tails)
         np.minimum.at(rarity, where, rarities)
         held[where[looked]] = True
-        wide[where[entries.widened]] = True
+        wide[where[widened]] = True
     order = np.argsort(time, kind="stable")
     place = np.arange(len(order)) if looked.any() else number[order]  # of an inertial unit only rows that were not used are told of
     return Stream(sensor, beam, place, time[order], outcome[order], held[order], wide[order], tail[order], rarity[order])

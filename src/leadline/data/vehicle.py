@@ -153,7 +153,7 @@ def read_vehicle(path: str | Path, *fragments: str | Path) -> Vehicle:
     raw = _toml(texts[0], str(path))
     for place, text in zip(fragments, texts[1:], strict=True):
         raw = _over(raw, _toml(text, str(place)))
-    return _vehicle(raw, Path(path))
+    return _vehicle(raw, Path(path), " with ".join(map(str, (path, *fragments))))
 
 
 def _text(path: Path) -> str:
@@ -188,10 +188,10 @@ def vehicle_from_toml(text: str, path: Path | None = None) -> Vehicle:
     return _vehicle(_toml(text, str(path or "vehicle")), path)
 
 
-def _vehicle(raw: dict[str, Any], path: Path | None) -> Vehicle:
+def _vehicle(raw: dict[str, Any], path: Path | None, where: str | None = None) -> Vehicle:
     from leadline.data import vehicle_keys
 
-    where = str(path or "vehicle")
+    where = where or str(path or "vehicle")
     top = vehicle_keys.check_top(raw, where)
     sensors = {name: _sensor(name, keys, f"{where}: sensors.{name}") for name, keys in top.sensors.items()}
     imus = [name for name, sensor in sensors.items() if sensor.kind == "imu"]

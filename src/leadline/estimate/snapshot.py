@@ -93,10 +93,11 @@ def restore(navigator: Navigator, path: Path) -> float:
             arrays = dict(file.items())
         told = json.loads(arrays.pop("told").tobytes())
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(path, f"is no snapshot ({str(error)[:60]})", "give a file that --snapshot wrote") from error
+        raise InputError(path, "is no snapshot" if path.is_file() else "is no file", "give a file that --snapshot wrote") from error
     if told.get("version") != VERSION or told["fingerprint"] != fingerprint(navigator):
         found = "was written by a navigator of other states, parameters or epoch"
-        raise InputError(path, found, "resume with the vehicle file and the epoch that it was written with")
+        right = "resume with the vehicle file, the --only and --without, and the epoch of log that it was written with"
+        raise InputError(path, found, right)
     navigator.state[:] = arrays["state"]
     navigator.window, navigator.start, navigator.done = told["window"], told["start"], told["done"]
     navigator.trimmed, navigator.rows = told["trimmed"], told["rows"]

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from leadline.data.vehicle import Vehicle
 
 
+SNAPSHOT = ".npz"  # an older snapshot is replaced, any other file is somebody's
+
+
 @dataclass(frozen=True)
 class Run:
     """How a dive is solved; times in s, rate in Hz.
@@ -61,6 +64,10 @@ class Run:
                 raise InputError(f"--{name}", "was given without --as-live", "only a live run can be broken off and resumed")
         if not 0.0 <= self.window < float("inf"):
             raise InputError("--window", f"{self.window} s", "give a time of zero or more")
+        if self.until is not None and not abs(self.until) < float("inf"):
+            raise InputError("--until", f"{self.until} s", "give a time of the log in seconds")
+        if self.snapshot is not None and self.snapshot.exists() and self.snapshot.suffix != SNAPSHOT:
+            raise InputError("--snapshot", f"{self.snapshot} is there already", f"name a new file, or one that ends in {SNAPSHOT}")
 
     def aboard(self, vehicle: Vehicle) -> Vehicle:
         """Return the vehicle with the instruments that were asked for."""
@@ -115,7 +122,12 @@ def solve_dive(
     assessment = assess(solution, truth)
     happened = sorted([*assessment.happenings, *arrivals(solution, log)], key=lambda happening: happening.start)
     assessment = replace(assessment, happenings=tuple(happened))
-    found = {"distance_m": assessment.distance, "problems": problems, "verdict": verdict_of(assessment)}
+    found = {
+        **({} if run.at is None else {"at": run.at}),
+        "distance_m": assessment.distance,
+        "problems": problems,
+        "verdict": verdict_of(assessment),
+    }
     found |= {"happenings": [asdict(happening) for happening in assessment.happenings]}
     solution = replace(solution, summary={**solution.summary, **found})
     write_result(solution, assessment, out, truth=truth, csv=csv, report=report)
