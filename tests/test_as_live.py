@@ -117,9 +117,11 @@ def test_a_snapshot_of_another_vehicle_is_refused(tmp_path):
     for other in (ABOARD.without("depth"), vehicle_from_toml(VEHICLE.replace("sigma_m = 0.05", "sigma_m = 0.06"))):
         with pytest.raises(InputError, match="other states"):
             solve_as_live(log, other, resume=file)
-    file.write_bytes(b"nothing")
-    with pytest.raises(InputError, match="is no snapshot; give"):
-        solve_as_live(log, ABOARD, resume=file)
+    whole = file.read_bytes()
+    for damaged in (b"nothing", b"", whole[: len(whole) // 2], whole[:3000] + bytes(200) + whole[3200:]):
+        file.write_bytes(damaged)
+        with pytest.raises(InputError, match="is no snapshot; give"):
+            solve_as_live(log, ABOARD, resume=file)
     with pytest.raises(InputError, match="is no file; give a file that --snapshot wrote"):
         solve_as_live(log, ABOARD, resume=tmp_path / "missing.npz")
 

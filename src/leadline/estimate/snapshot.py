@@ -7,6 +7,7 @@ from collections import Counter, deque
 from dataclasses import replace
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -86,13 +87,13 @@ def _drop_outputs(navigator: Navigator) -> None:
 def restore(navigator: Navigator, path: Path) -> float:
     """Bring a navigator of the same vehicle to what a file says; returns when the last row that it has seen arrived.
 
-    Raises InputError where the file is no snapshot, or is one of another vehicle or another log's time.
+    Raises InputError where the file is no snapshot or a damaged one, or is one of another vehicle or another log's time.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file.items())
         told = json.loads(arrays.pop("told").tobytes())
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(path, "is no snapshot" if path.is_file() else "is no file", "give a file that --snapshot wrote") from error
     if told.get("version") != VERSION or told["fingerprint"] != fingerprint(navigator):
         found = "was written by a navigator of other states, parameters or epoch"
