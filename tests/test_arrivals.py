@@ -10,7 +10,7 @@ from short_dive import write_short_dive
 from solutions import EPOCH, straight
 
 from leadline import read_log, write_log
-from leadline.assess.arrivals import arrivals, clock_steps
+from leadline.assess.arrivals import arrivals
 from leadline.data.log import Log
 from leadline.data.records import Depth
 from leadline.missions.dive import solve_dive
@@ -47,51 +47,21 @@ def test_late_rows_are_told_with_their_span_and_delay():
     assert f"at most {delay:.1f} s" in found.sentence
 
 
-@pytest.mark.parametrize("step", [-1.0, 1.0, 0.5])
-def test_a_clock_that_steps_and_is_set_right(time, step):
-    jumped = troubled(log_of(time), [ClockJump(sensor="depth", begin=200.0, end=400.0, step=step)], 1)
-    found = [h for h in arrivals(run(), jumped) if h.kind == "clock_step"]
-    assert [h.start for h in found] == pytest.approx([200.0, 400.0])
-    assert f"stepped by {step:+.2f} s at 200.0 s" in found[0].sentence
-    assert f"stepped by {-step:+.2f} s at 400.0 s" in found[1].sentence
+def test_steps_are_told_as_the_run_found_them():
+    steps = [{"sensor": "depth", "arrival_s": moment, "step_s": 1.0, "mended": True} for moment in (100.0, 200.0)]
 
+    def of(*told):
+        return list(arrivals(replace(run(), summary={**run().summary, "clock_steps": [*told]}), log_of(TIME, TIME)))
 
-def test_a_clock_that_nobody_sets_right(time):
-    jumped = troubled(log_of(time), [ClockJump(sensor="depth", begin=200.0, step=1.0)], 1)
-    assert [(h.kind, h.start) for h in arrivals(run(), jumped)] == [("clock_step", pytest.approx(200.0))]
-
-
-@pytest.mark.parametrize("begin", [0.0, 200.0])
-def test_delays_that_vary_are_no_step(begin):
-    told = 0
-    for seed in range(200):
-        delay = np.where(begin <= TIME, np.random.default_rng(seed).uniform(2.0, 8.0, len(TIME)), 0.0)
-        order = np.argsort(TIME + delay)
-        told += len(clock_steps(TIME[order], (TIME + delay)[order]))
-    assert told <= 1  # of two hundred dives
-
-
-def test_rows_held_up_in_a_buffer_are_no_step(time):
-    received = time.copy()
-    held = (time >= 200.0) & (time < 230.0)
-    received[held] = 230.0 + 1e-3 * np.arange(held.sum())
-    received = np.maximum.accumulate(received)
-    assert clock_steps(time, received) == []
-
-
-def test_missing_rows_and_one_wild_stamp_are_no_step():
-    kept = np.r_[0:40, 60:120]
-    assert clock_steps(TIME[kept], TIME[kept]) == []
-    wild = TIME.copy()
-    wild[50] += 1000.0
-    assert clock_steps(wild, TIME) == []
-
-
-def test_many_steps_are_one_sentence():
-    stamps = TIME + np.floor(np.arange(len(TIME)) / 20.0)
-    (found,) = [h for h in arrivals(run(), log_of(stamps, TIME)) if h.kind == "clock_step"]
-    assert (found.count, found.start, found.end) == (5, TIME[20], TIME[100])
+    assert [(h.kind, h.start, h.count) for h in of(*steps)] == [("clock_step", 100.0, 1), ("clock_step", 200.0, 1)]
+    assert of(*steps)[0].sentence == "depth: its clock stepped by +1.00 s at 100.0 s; the stamps after it were put right."
+    (found,) = of({**steps[0], "mended": False})
+    assert "left as they are" in found.sentence
+    assert of({**steps[0], "sensor": "dvl"}, {**steps[0], "arrival_s": -5.0}, {**steps[0], "arrival_s": 700.0}) == []
+    (found,) = of(*({**steps[0], "arrival_s": 100.0 * k, "step_s": 0.5 * k} for k in range(1, 6)))
+    assert (found.count, found.start, found.end) == (5, 100.0, 500.0)
     assert "stepped 5 times" in found.sentence
+    assert "+2.50 s at most" in found.sentence
 
 
 def test_solving_a_dive_tells_them(tmp_path):

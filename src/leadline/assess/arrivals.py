@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,19 +18,17 @@ if TYPE_CHECKING:
     from leadline.data.solution import Solution
 
 LATE_FOR = 2.0  # s after they were valid, from which rows count as late: what an acoustic fix from near by takes is none
-LEAST_STEP = 0.25  # s; a smaller step of a clock is told by nobody
-SPREADS = 2.0  # and in units of the range of the delays before and after it
-AROUND = 8  # rows before and after a step, whose delays are compared
 MOST = 3  # steps of one clock that are told one by one
 
 
 def arrivals(solution: Solution, log: Log) -> tuple[Happening, ...]:
     """Return what the times of arrival (`received`) of a log tell of the run that gave a solution, in order of time.
 
-    Kinds: delayed (rows that arrived more than two seconds after they were valid), clock_step (from one row to the next the stamps of a
-    regular sensor leap, and its arrivals do not; start is the time of arrival).  Tables that nobody looked at are left out.
+    Kinds: delayed (rows that arrived more than two seconds after they were valid), clock_step (as the run found it, estimate/clocks.py;
+    start is the time of arrival).  Tables that nobody looked at are left out.
     """
     found: list[Happening] = []
+    steps = solution.summary.get("clock_steps", [])
     for name, table in log.tables.items():
         if table.received is None or not _looked_at(solution, name):
             continue
@@ -38,7 +36,10 @@ def arrivals(solution: Solution, log: Log) -> tuple[Happening, ...]:
         order = known[np.argsort(table.received[known], kind="stable")]
         time, received = table.time[order], table.received[order]
         inside = (received >= solution.time[0]) & (time <= solution.time[-1]) if len(solution) else np.zeros(len(time), bool)
-        found += [*_delayed(name, time[inside], received[inside]), *_stepped(name, time[inside], received[inside])]
+        time, received = time[inside], received[inside]
+        of_run = [step for step in steps if step["sensor"] == name and received.min(initial=np.inf) <= step["arrival_s"]]
+        of_run = [step for step in of_run if step["arrival_s"] <= received.max(initial=-np.inf)]
+        found += [*_delayed(name, time, received), *_stepped(name, of_run)]
     return tuple(sorted(found, key=lambda h: (h.start, h.end, h.kind, h.sensor)))
 
 
@@ -60,33 +61,16 @@ def _delayed(name: str, time: Array, received: Array) -> Iterator[Happening]:
     yield Happening("delayed", name, start, end, count, f"{name}: {words} at most {most:.1f} s, from {start:.1f} s to {end:.1f} s.")
 
 
-def _stepped(name: str, time: Array, received: Array) -> Iterator[Happening]:
-    steps = clock_steps(time, received)
-    if len(steps) > MOST:
-        start, end = steps[0][0], steps[-1][0]
-        largest = max((size for _, size in steps), key=abs)
-        words = f"its clock stepped {len(steps)} times from {start:.1f} s to {end:.1f} s, by {largest:+.2f} s at most"
-        yield Happening("clock_step", name, start, end, len(steps), f"{name}: {words}.")
+def _stepped(name: str, steps: list[dict[str, Any]]) -> Iterator[Happening]:
+    if not steps:
         return
-    for moment, size in steps:
-        yield Happening("clock_step", name, moment, moment, 1, f"{name}: its clock stepped by {size:+.2f} s at {moment:.1f} s.")
-
-
-def clock_steps(time: Array, received: Array) -> list[tuple[float, float]]:
-    """Return when (s, of arrival) and by how much (s, positive: ahead) a clock stepped, of stamps (n,) in order of arrival (n,).
-
-    A step is a leap of the delay, received - time, from the rows before to those after, that exceeds their range by far; the interval
-    between two stamps must show it, and that between the arrivals must not, so that rows held up in a buffer are none.
-    """
-    if len(time) < 2 * AROUND:
-        return []
-    delay, by_stamp, by_arrival = received - time, np.diff(time), np.diff(received)
-    leap, usual = np.abs(np.diff(delay)), float(np.median(by_arrival))
-    shown = (leap > 0.5 * LEAST_STEP) & (np.abs(by_stamp - usual) > 0.5 * leap) & (np.abs(by_arrival - usual) < 0.5 * leap)
-    found: list[tuple[float, float]] = []
-    for k in np.flatnonzero(shown[AROUND - 1 : len(delay) - AROUND]).tolist():
-        before, after = delay[k : k + AROUND], delay[k + AROUND : k + 2 * AROUND]
-        step = float(np.median(before) - np.median(after))
-        if abs(step) > max(LEAST_STEP, SPREADS * float(np.ptp(before)), SPREADS * float(np.ptp(after))):
-            found.append((float(received[k + AROUND]), step))
-    return found
+    then = "the stamps after it were put right" if steps[0]["mended"] else "its stamps were left as they are (mend_clock)"
+    if len(steps) > MOST:
+        start, end = steps[0]["arrival_s"], steps[-1]["arrival_s"]
+        largest = max((step["step_s"] for step in steps), key=abs)
+        words = f"its clock stepped {len(steps)} times from {start:.1f} s to {end:.1f} s, by {largest:+.2f} s at most"
+        yield Happening("clock_step", name, start, end, len(steps), f"{name}: {words}; {then}.")
+        return
+    for step in steps:
+        moment, words = step["arrival_s"], f"its clock stepped by {step['step_s']:+.2f} s at {step['arrival_s']:.1f} s"
+        yield Happening("clock_step", name, moment, moment, 1, f"{name}: {words}; {then}.")

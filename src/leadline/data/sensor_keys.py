@@ -40,6 +40,7 @@ class Sensor(Keys):
     standby_after_s: Positive = 2.0
     latency_s: Finite = 0.0
     clock: str | None = None
+    mend_clock: bool = True
     repeats: Literal["new", "held"] = "new"
     rate_hz: Positive | None = None
     nuisance: dict[str, Any] = {}

@@ -82,6 +82,7 @@ class SensorConfig:
     standby_for: str | None = None  # used only while that sensor has been silent for `standby_after` (s)
     standby_after: float = 2.0
     clock: str | None = None
+    mend_clock: bool = True  # stamps after a step of its clock are put right, where times of arrival show it
     repeats: str = "new"
     model: str | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -260,7 +261,7 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
     _check_idle(keys, kind, where)
     filled = _merged(_preset(keys.get("preset"), kind, where), keys)
     checked = vehicle_keys.check_sensor(filled, kind, where)
-    common = {k: checked[k] for k in ("clock", "repeats", "model", "preset", "standby_for") if checked.get(k) is not None}
+    common = {k: checked[k] for k in ("clock", "mend_clock", "repeats", "model", "preset", "standby_for") if checked.get(k) is not None}
     names = ("gate_probability", "student_dof", "gate_widening_s", "reanchor_after")
     return SensorConfig(
         name=name,

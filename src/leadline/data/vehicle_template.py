@@ -278,7 +278,11 @@ def describe(sensor: SensorConfig) -> Description:
     roll, pitch, heading = (float(f"{angle:.6g}") + 0.0 for angle in np.round(mounting_deg(sensor.rotation_bs), 6))
     carried = sensor.model is None and sensor.kind not in BY_KIND
     figures = [f"{key} = {_shown(value)}" for key, value in sensor.written.items() if key not in COMMON]
-    chosen = [f"{key} = {_shown(sensor.written[key])}" for key in ("latency_s", "clock", "repeats", "model") if key in sensor.written]
+    chosen = [
+        f"{key} = {_shown(sensor.written[key])}"
+        for key in ("latency_s", "clock", "mend_clock", "repeats", "model")
+        if key in sensor.written
+    ]
     priors = sensor.written.get("nuisance", {})
     return Description(
         sensor.name,

@@ -68,7 +68,7 @@ def aligned(log: Log, vehicle: Vehicle, start: Start, begin: Callable[[Start], N
 
 def _end(log: Log, vehicle: Vehicle, start: Start) -> float:
     """The last moment that alignment may look at."""
-    return min(start.time + vehicle.process.align, inputs_of(log, vehicle)[2])
+    return min(start.time + vehicle.process.align, inputs_of(log, vehicle).covered)
 
 
 def turned(start: Start, heading: float, sigma: float) -> Start:

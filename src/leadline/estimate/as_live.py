@@ -22,7 +22,7 @@ from leadline.estimate.inputs import spans_of
 from leadline.estimate.output import solution_of
 from leadline.estimate.plan import IS_INPUT, IS_OUTPUT, OUT_COV
 from leadline.estimate.snapshot import restore, save
-from leadline.estimate.solve import inertial_spans, look_at, status_of
+from leadline.estimate.solve import clock_steps, inertial_spans, look_at, status_of
 from leadline.estimate.stream import DEFAULT_RATE, inputs_of, output_times
 from leadline.models.imu import INPUT_SIZE
 
@@ -147,17 +147,24 @@ def solve_as_live(
     for done, delivery in enumerate(order):
         table = log[delivery.sensor].select(delivery.rows)
         if isinstance(table, Imu):
-            ahead = int(np.searchsorted(moments, np.nanmax(table.time), side="right"))
-            navigator.take([Event(float(moments[i]), RANK[IS_OUTPUT], IS_OUTPUT, row=i) for i in range(asked, ahead)])
-            asked = max(asked, ahead)
+            newest = np.nanmax(table.time) - navigator.clocks[delivery.sensor].offset
+            ahead = max(asked, int(np.searchsorted(moments, newest, side="right")))
+            navigator.take(_asked(moments, asked, ahead))
+            asked = ahead
         else:
             numbers[delivery.sensor] += delivery.rows.tolist()
         outcome[delivery.sensor][delivery.rows] = navigator.receive(delivery.sensor, table)
         if progress is not None and done % 1000 == 0:
             progress(done / len(order))
+    navigator.take(_asked(moments, asked, len(moments)))
     if snapshot is not None:
         save(navigator, snapshot, order[-1].arrival)
     return _named(log, vehicle, navigator, ledger, _Told(estimator, moments, outcome, numbers, first_row), begun)
+
+
+def _asked(moments: Array, first: int, last: int) -> list[Event]:
+    """Events that ask for the states at some of the moments."""
+    return [Event(float(moments[i]), RANK[IS_OUTPUT], IS_OUTPUT, row=i) for i in range(first, last)]
 
 
 @dataclass(frozen=True)
@@ -173,7 +180,7 @@ class _Told:
 
 def _moments(log: Log, vehicle: Vehicle, start: float, rate: float, times: Array | None, end: float | None) -> Array:
     """When states are wanted, as far as inputs can reach."""
-    covered = inputs_of(log, vehicle)[2]
+    covered = inputs_of(log, vehicle).covered
     last = covered if end is None else min(covered, max(start, end))
     if times is None:
         return output_times(start, last, rate) if last > start else np.array([start])
@@ -204,7 +211,7 @@ def _named(log: Log, vehicle: Vehicle, navigator: Navigator, ledger: Ledger, tol
     time, data = (np.concatenate(parts) for parts in zip(*ledger.inputs, strict=True))
     spans = spans_of(time, data, navigator.time, (vehicle.process.imu, vehicle.process.standby))
     summary |= inertial_spans([replace(s, start=max(s.start, navigator.start)) for s in spans])
-    return replace(solution, innovations=innovations, status=status, summary=summary)
+    return replace(solution, innovations=innovations, status=status, summary=summary | clock_steps(navigator.clocks))
 
 
 def _in_log(part: Innovations, rows: dict[str, Integers], first: dict[str, int]) -> Innovations:

@@ -12,6 +12,7 @@ from leadline.data.errors import InputError, suggestion
 from leadline.data.records import Imu
 from leadline.estimate import kalman
 from leadline.estimate.alignment import aligned
+from leadline.estimate.clocks import Clock
 from leadline.estimate.composition import Composition, room_for_clones
 from leadline.estimate.inputs import Inputs
 from leadline.estimate.navigator import Navigator
@@ -57,7 +58,8 @@ def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window:
     def begin(start: Start) -> Navigator:
         state = composition.layout.start(start.time, *_initial(start, vehicle, log))
         reference = Reference(log.epoch, origin_of(log, start), context)
-        return Navigator(composition, state, Inputs.of(imu, standby_of(vehicle)), window, reference, unmodelled)
+        clocks = {name: Clock(config.mend_clock) for name, config in vehicle.sensors.items()}
+        return Navigator(composition, state, Inputs.of(imu, standby_of(vehicle)), window, reference, unmodelled, clocks)
 
     start = start_of(log, vehicle, context, sensors)
     if np.isinf(start.sigma_heading):

@@ -64,9 +64,14 @@ class Inputs:
         first = InputStream.of(imu)
         return cls(first, None if standby is None else InputStream.of(standby, standby.lever_arm_b - imu.lever_arm_b))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sensors whose rows are inputs."""
+        return (self.first.name,) if self.second is None else (self.first.name, self.second.name)
+
     def is_mine(self, name: str) -> bool:
         """Tell whether rows of a sensor are inputs."""
-        return name == self.first.name or (self.second is not None and name == self.second.name)
+        return name in self.names
 
     @property
     def covered(self) -> float:

@@ -18,6 +18,7 @@ from leadline.data.outcome import Outcome
 from leadline.data.records import KINDS, Imu, Table, after
 from leadline.estimate import loop
 from leadline.estimate import plan as at
+from leadline.estimate.clocks import Clock
 from leadline.estimate.composition import Composition, output_size
 from leadline.estimate.events import Batch, Event, Events, Integers, Screen, measurements
 from leadline.estimate.output import Reference, solution_of
@@ -58,10 +59,12 @@ class Navigator:
         window: float = 30.0,
         reference: Reference | None = None,
         unmodelled: frozenset[str] = frozenset(),
+        clocks: dict[str, Clock] | None = None,
     ) -> None:
         """Start from a state; `inputs` turns inertial rows into inputs, `window` (s) is how late a row may arrive.
 
-        `reference` says against what estimates are expressed; `unmodelled` names sensors that no model uses yet.
+        `reference` says against what estimates are expressed; `unmodelled` names sensors that no model uses yet; `clocks` are those of
+        the sensors' stamps, by sensor: one that is not named is put right where it steps.
         """
         self.unmodelled = unmodelled
         self.composition, self.state, self.inputs, self.window = composition, state.copy(), inputs, window
@@ -70,6 +73,7 @@ class Navigator:
         self.runner = Runner(composition)
         self.screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
+        self.clocks = {name: Clock() for name in (*self._sensors, *(inputs.names if inputs is not None else ()))} | (clocks or {})
         self.kinds = {name: s.config.kind for name, s in self._sensors.items()}
         twice = [s.flight for s in composition.sensors if any(channel.epochs == 2 for channel in s.channels)]
         self.flight = max(twice, default=0.0)  # a late row may look so far back behind its own time (s)
@@ -125,12 +129,14 @@ class Navigator:
         if sensor in self.unmodelled:
             return np.full(len(rows), int(Outcome.NO_MODEL))
         self._check(sensor, rows)
+        rows, aside = self.clocks[sensor].take(rows)
         first = self.rows[sensor]
         self.rows[sensor] += len(rows)
         slot = self.composition.first_slot[sensor]
         oldest = self.time - self.window
         earlier = self._earlier(sensor, rows)
         batches, outcome = measurements(self._sensors[sensor], slot, rows, self.screens[sensor], self.start, oldest=oldest, known=earlier)
+        outcome[aside] = int(Outcome.CLOCK_JUMP)
         self.take([event for batch in batches for event in _numbered(batch, first)])
         for i, code in enumerate(outcome):
             self.outcomes.setdefault((sensor, first + i), int(code))
@@ -160,11 +166,16 @@ class Navigator:
     def _add_input(self, sensor: str, rows: Imu) -> Integers:
         if self.inputs is None:
             raise InputError("navigator", "has no input stream", "the process model consumes none")
-        pushed = self.inputs.push(sensor, rows)
+        mended, aside = self.clocks[sensor].take(rows)
+        outcome = np.full(len(rows), int(Outcome.CLOCK_JUMP))
+        if aside.all():
+            return outcome
+        pushed = self.inputs.push(sensor, mended.select(~aside) if aside.any() else mended)  # type: ignore[arg-type]
         if np.isfinite(pushed.withdrawn):
             self.withdraw(pushed.withdrawn)
         self.take(list(Batch(at.IS_INPUT, pushed.time, pushed.data)))
-        return pushed.outcome
+        outcome[~aside] = pushed.outcome
+        return outcome
 
     def take(self, events: Iterable[Event]) -> None:
         """Put events in their places, and consume what inputs cover; the state goes back where one lies before what it has consumed."""

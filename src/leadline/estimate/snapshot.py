@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter, deque
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
@@ -15,6 +15,7 @@ from leadline.data.errors import InputError
 from leadline.data.log import Origin
 from leadline.data.records import KINDS, Imu
 from leadline.estimate import plan as at
+from leadline.estimate.clocks import Clock, Step
 from leadline.estimate.navigator import Checkpoint
 from leadline.estimate.window import COLUMNS
 from leadline.formats.atomic import new_file
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from leadline.estimate.navigator import Navigator
 
-VERSION = 1
+VERSION = 2
 
 
 def fingerprint(navigator: Navigator) -> str:
@@ -56,6 +57,7 @@ def save(navigator: Navigator, path: Path, arrived: float) -> None:
         "turned_away": [[time, *key] for time, key in navigator.turned_away],
         "screens": {k: [[d.hex() for d in s.seen], s.value.hex()] for k, s in navigator.screens.items()},
     }  # fmt: skip
+    told["clocks"] = {k: {**asdict(c), "steps": [list(step) for step in c.steps]} for k, c in navigator.clocks.items()}
     arrays |= {f"recent.{k}": s.recent for k, s in navigator.screens.items()}
     if inputs is not None:
         arrays |= {"inputs.first": inputs.first.memory, "inputs.time": inputs.time, "inputs.data": inputs.data}
@@ -113,6 +115,10 @@ def restore(navigator: Navigator, path: Path) -> float:
         screen = navigator.screens[name]
         screen.seen, screen.value = dict.fromkeys(map(bytes.fromhex, seen)), bytes.fromhex(value)
         screen.recent = arrays[f"recent.{name}"]
+    for name, clock in told["clocks"].items():
+        pairs = {k: [(stamp, received) for stamp, received in clock[k]] for k in ("known", "doubted")}
+        steps = [Step(*step) for step in clock["steps"]]
+        navigator.clocks[name] = Clock(navigator.clocks[name].mend, clock["offset"], **pairs, steps=steps)
     if navigator.inputs is not None:
         navigator.inputs.first.memory, navigator.inputs.handed = arrays["inputs.first"], told["handed"]
         navigator.inputs.begun = told["begun"]

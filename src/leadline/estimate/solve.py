@@ -23,10 +23,11 @@ from leadline.estimate.smoother import Smoother
 from leadline.estimate.stream import DEFAULT_RATE, Stream, stream_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from leadline.data.records import Array
     from leadline.data.solution import Innovations, Solution
+    from leadline.estimate.clocks import Clock
     from leadline.estimate.events import Events, Integers
     from leadline.estimate.inputs import Span
     from leadline.estimate.navigator import Navigator
@@ -99,6 +100,7 @@ def solve(
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
     summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream.spans)}
+    summary |= clock_steps(stream.clocks)
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 
@@ -223,6 +225,16 @@ def inertial_spans(spans: Sequence[Span]) -> dict[str, Any]:
     """Return where the first inertial unit was silent, as the summary tells it."""
     told = [{"kind": s.kind, "sensor": s.sensor, "start_s": s.start, "end_s": s.end} for s in spans]
     return {"inertial": told} if told else {}
+
+
+def clock_steps(clocks: Mapping[str, Clock]) -> dict[str, Any]:
+    """Return when (of arrival) which clock stepped by how much, and whether the stamps after it were put right, for the summary."""
+    told = [
+        {"sensor": name, "arrival_s": step.arrival, "step_s": step.size, "mended": clock.mend}
+        for name, clock in clocks.items()
+        for step in clock.steps
+    ]
+    return {"clock_steps": told} if told else {}
 
 
 __all__ = ["DEFAULT_RATE", "navigator_for", "solve", "stream_of"]

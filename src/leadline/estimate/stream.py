@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
 from leadline.data.records import Imu
 from leadline.estimate import plan as at
+from leadline.estimate.clocks import Clock
 from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered
 from leadline.estimate.inputs import Conditioned, Inputs, Made, Span, spans_of
 from leadline.models.imu import INPUT_SIZE, InputStream
@@ -20,9 +21,11 @@ from leadline.models.imu import INPUT_SIZE, InputStream
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    import numpy.typing as npt
+
     from leadline.data.log import Log
     from leadline.data.records import Array
-    from leadline.data.vehicle import Vehicle
+    from leadline.data.vehicle import SensorConfig, Vehicle
     from leadline.estimate.events import Events, Integers
     from leadline.estimate.navigator import Navigator
 
@@ -37,6 +40,7 @@ class Stream:
     """The events of a log by kind, each in order of time, and for each table the outcome of the rows that gave none (USED: it gave some).
 
     inputs: of the process model, from `first_input` on.  times: of the outputs.  spans: where the first inertial unit was silent.
+    clocks: of the stamps, by sensor, as the whole log leaves them.
     """
 
     batches: Sequence[Batch]
@@ -47,6 +51,7 @@ class Stream:
     start: float
     end: float
     spans: tuple[Span, ...] = ()
+    clocks: Mapping[str, Clock] = field(default_factory=dict)
 
     @cached_property
     def events(self) -> Events:
@@ -82,7 +87,7 @@ def stream_of(
     Raises InputError where the log has no input that covers the run, and where a moment lies outside it.
     """
     start = navigator.start
-    inputs, outcome, covered, spans = inputs_of(log, vehicle)
+    inputs, outcome, covered, spans, clocks = inputs_of(log, vehicle)
     if end is not None and end > covered:
         raise InputError("end", f"{end} s lies after the last inertial row", f"at most {covered} s")
     last = covered if end is None else end
@@ -96,14 +101,17 @@ def stream_of(
     for sensor in navigator.composition.sensors:
         name = sensor.config.name
         screen, slot = Screen(sensor.config.repeats, sensor.config.latency), navigator.composition.first_slot[name]
-        found, outcome[name] = measurements(sensor, slot, log[name], screen, start, last)
+        clocks[name] = Clock(sensor.config.mend_clock)
+        table, aside = clocks[name].take(log[name])
+        found, outcome[name] = measurements(sensor, slot, table, screen, start, last)
+        outcome[name][aside] = int(Outcome.CLOCK_JUMP)
         batches += found
     moments = output_times(start, last, rate) if times is None else np.sort(np.asarray(times, float))
     if not len(moments) or not (moments[0] >= start and moments[-1] <= last):
         found_times = f"{moments[0]} to {moments[-1]} s" if len(moments) else "none"
         raise InputError("times", found_times, f"the run is from {start} to {last} s")
     batches.append(Batch(at.IS_OUTPUT, moments, np.zeros((len(moments), 0))))
-    return Stream([_sorted(batch) for batch in agreed(batches)], inputs, first_input, outcome, moments, start, last, spans)
+    return Stream([_sorted(batch) for batch in agreed(batches)], inputs, first_input, outcome, moments, start, last, spans, clocks)
 
 
 def _sorted(batch: Batch) -> Batch:
@@ -115,67 +123,90 @@ def _sorted(batch: Batch) -> Batch:
     return replace(batch, time=batch.time[order], data=batch.data[order], row=row)
 
 
-def inputs_of(log: Log, vehicle: Vehicle) -> tuple[Made | Conditioned, dict[str, Integers], float, tuple[Span, ...]]:
-    """Return the inputs of the inertial units, the outcome of each of their rows, the time up to which they reach, and their silences.
+class Inertial(NamedTuple):
+    """The inputs of the inertial units of a log, with the outcome of each of their rows, by unit.
+
+    covered: the time (s) up to which inputs reach.  spans: where the first unit was silent.  clocks: of their stamps.
+    """
+
+    inputs: Made | Conditioned
+    outcome: dict[str, Integers]
+    covered: float
+    spans: tuple[Span, ...]
+    clocks: dict[str, Clock]
+
+
+class UnitRows(NamedTuple):
+    """Rows of an inertial unit in order of time, and their places in the table."""
+
+    table: Imu
+    order: Integers
+    time: Array  # of all rows of the table, put right
+    aside: npt.NDArray[np.bool_]  # which rows of the table (n,) its clock sets aside
+    clock: Clock
+
+    def placed(self, outcome: Integers) -> Integers:
+        """Return outcomes in the order of the table; rows that were left out are invalid."""
+        placed = np.where(self.aside, int(Outcome.CLOCK_JUMP), int(Outcome.INVALID))
+        placed[self.order] = outcome
+        return placed
+
+
+def inputs_of(log: Log, vehicle: Vehicle) -> Inertial:
+    """Return the inputs of the inertial units of a log.
 
     A last row beyond a gap has no neighbour to confirm its time: it is invalid, or one wrong stamp would lead the run astray.
     """
     imu, standby = vehicle[vehicle.process.imu], vehicle.process.standby
     if standby is not None and standby in log.tables:
-        return _of_two(log, vehicle, Inputs.of(imu, vehicle[standby]), standby)
+        return _of_two(log, vehicle, Inputs.of(imu, vehicle[standby]), vehicle[standby])
     stream = InputStream.of(imu)
-    table, order, _ = _imu_rows(log, imu.name, imu.latency, stream.gap)
-    inputs = Conditioned(stream, table)
-    outcome = {imu.name: _placed(inputs.outcome, order, len(log[imu.name]))}
-    return inputs, outcome, inputs.covered, tuple(Span("gap", imu.name, a, b) for a, b in inputs.gaps)
+    rows = _imu_rows(log, imu, stream.gap)
+    inputs = Conditioned(stream, rows.table)
+    spans = tuple(Span("gap", imu.name, a, b) for a, b in inputs.gaps)
+    return Inertial(inputs, {imu.name: rows.placed(inputs.outcome)}, inputs.covered, spans, {imu.name: rows.clock})
 
 
-def _placed(outcome: Integers, order: Integers, count: int) -> Integers:
-    """Outcomes in the order of the file; rows that were left out are invalid."""
-    placed = np.full(count, int(Outcome.INVALID))
-    placed[order] = outcome
-    return placed
-
-
-def _of_two(
-    log: Log, vehicle: Vehicle, inputs: Inputs, standby: str
-) -> tuple[Made | Conditioned, dict[str, Integers], float, tuple[Span, ...]]:
+def _of_two(log: Log, vehicle: Vehicle, inputs: Inputs, standby: SensorConfig) -> Inertial:
     """The inputs of two units, of which the second fills the silences of the first."""
     assert inputs.second is not None
-    imu, second, outcome = inputs.first, inputs.second, {}
-    table, order, _ = _imu_rows(log, standby, second.latency, second.gap)
-    outcome[standby] = _placed(inputs.stand_by(table), order, len(log[standby]))
+    imu, second, outcome, clocks = inputs.first, inputs.second, {}, {}
+    rows = _imu_rows(log, standby, second.gap)
+    outcome[standby.name], clocks[standby.name] = rows.placed(inputs.stand_by(rows.table)), rows.clock
+    stamps = rows.time - second.latency
     time, data = np.zeros(0), np.zeros((0, INPUT_SIZE))
     try:
-        table, order, _ = _imu_rows(log, imu.name, imu.latency, imu.gap)
+        rows = _imu_rows(log, vehicle[imu.name], imu.gap)
     except InputError:  # it never said anything
         outcome[imu.name] = np.full(len(log.tables.get(imu.name, ())), int(Outcome.INVALID))
     else:
-        time, data, found, _ = inputs.push(imu.name, table)
-        outcome[imu.name] = _placed(found, order, len(log[imu.name]))
+        time, data, found, _ = inputs.push(imu.name, rows.table)
+        outcome[imu.name], clocks[imu.name] = rows.placed(found), rows.clock
     if inputs.silent:  # the first unit fell silent for good
-        more, rows = inputs.fill(imu.covered if np.isfinite(imu.covered) else inputs.begun, second.covered)
-        time, data = np.concatenate([time, more]), np.concatenate([data, rows])
-    spans = spans_of(time, data, inputs.covered, (imu.name, standby))
-    stamps = log[standby].time - second.latency
+        more, filled = inputs.fill(imu.covered if np.isfinite(imu.covered) else inputs.begun, second.covered)
+        time, data = np.concatenate([time, more]), np.concatenate([data, filled])
+    spans = spans_of(time, data, inputs.covered, (imu.name, standby.name))
     taken = np.zeros(len(stamps), bool)
     for span in spans:
         if span.kind == "standby":
             taken |= (stamps > span.start) & (stamps <= span.end)
-    known = np.isin(outcome[standby], (Outcome.USED, Outcome.STANDBY))
-    outcome[standby][known] = np.where(taken[known], int(Outcome.USED), int(Outcome.STANDBY))
-    return Made(time, data), outcome, inputs.covered, spans
+    known = np.isin(outcome[standby.name], (Outcome.USED, Outcome.STANDBY))
+    outcome[standby.name][known] = np.where(taken[known], int(Outcome.USED), int(Outcome.STANDBY))
+    return Inertial(Made(time, data), outcome, inputs.covered, spans, clocks)
 
 
-def _imu_rows(log: Log, name: str, latency: float, gap: float) -> tuple[Imu, Integers, float]:
-    """The rows of an inertial unit in order of time without a last one that stands alone beyond a gap; their places; the last time."""
-    table = log[name]
-    where = f"{log.path or log.name}: {name}"
-    if not isinstance(table, Imu):
-        raise InputError(where, f"is a table of kind '{table.kind}'", "process.imu needs kind imu")
+def _imu_rows(log: Log, config: SensorConfig, gap: float) -> UnitRows:
+    """The rows of an inertial unit in order of time without a last one that stands alone beyond a gap, and what its clock sets aside."""
+    name = config.name
+    where, clock = f"{log.path or log.name}: {name}", Clock(config.mend_clock)
+    if not isinstance(log[name], Imu):
+        raise InputError(where, f"is a table of kind '{log[name].kind}'", "process.imu needs kind imu")
+    table, aside = clock.take(log[name])
+    assert isinstance(table, Imu)
     if len(table) < 2:
         raise InputError(where, f"gives no interval to navigate over: it has {len(table)} rows", "at least two valid rows")
     order = np.argsort(table.time, kind="stable")
+    order = order[~aside[order]]
     values = [v for v in (table.gyro, table.accel, table.delta_angle, table.delta_velocity, table.interval) if v is not None]
     good = np.isfinite(table.time) & np.logical_and.reduce([np.isfinite(v.reshape(len(table), -1)).all(axis=1) for v in values])
     if table.valid is not None:
@@ -185,9 +216,9 @@ def _imu_rows(log: Log, name: str, latency: float, gap: float) -> tuple[Imu, Int
         raise InputError(where, "gives no interval to navigate over", "at least two valid rows")
     time = table.time[known]
     if len(known) > 2 and time[-1] - time[-2] > gap:
-        order, time = order[order != known[-1]], time[:-1]
-    chosen = table if (np.diff(table.time) >= 0.0).all() and len(order) == len(table) else table.select(order)
-    return chosen, order, float(time[-1]) - latency  # type: ignore[return-value]
+        order = order[order != known[-1]]
+    ordered = (np.diff(table.time) >= 0.0).all() and len(order) == len(table)
+    return UnitRows(table if ordered else table.select(order), order, table.time, aside, clock)  # type: ignore[arg-type]
 
 
 def output_times(start: float, last: float, rate: float) -> Array:
