@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Link:
-    """e' = A e + w: A (m, n), variances of w (m,); the covariances before and after."""
+    """e' = A e + w: A (m, n), covariance of w (m, m); the covariances before and after."""
 
     A: np.ndarray
     q: np.ndarray
@@ -137,7 +137,7 @@ class Chain(Twin):
     def _linked(self, change: Callable[[], None], A: np.ndarray) -> None:
         before = self.P
         change()
-        self.chain.append(Link(A, np.zeros(len(A)), before, self.P.copy()))
+        self.chain.append(Link(A, np.zeros((len(A), len(A))), before, self.P.copy()))
 
 
 def placed(chain: list[Any]) -> list[Link | Row | Asked]:
@@ -173,7 +173,7 @@ def backward(chain: Chain) -> list[Smoothed]:
             d = d + link.correction
         else:
             later, d_later, Ps_later = link, d, Ps
-            G = np.linalg.solve(link.A, np.eye(len(d)) - link.q[:, None] * inverse(link.after))
+            G = np.linalg.solve(link.A, np.eye(len(d)) - link.q @ inverse(link.after))
             d, Ps = G @ d, link.before + G @ (Ps - link.after) @ G.T
             Ps = (Ps + Ps.T) / 2
     return found[::-1]
@@ -185,7 +185,7 @@ def between(aside: Link, step: Link, d: np.ndarray, Ps: np.ndarray) -> tuple[np.
     What is left of the step is A_2 = A A_1^-1 and Q_2 = Q - A_2 Q_1 A_2^T; so cov(e, e') = P_1 A_2^T, and G as in `backward`.
     """
     A = step.A @ np.linalg.inv(aside.A)
-    Q = np.diag(step.q) - A * aside.q @ A.T
+    Q = step.q - A @ aside.q @ A.T
     G = np.linalg.solve(A, np.eye(len(A)) - Q @ inverse(step.after))
     return G @ d, aside.after + G @ (Ps - step.after) @ G.T
 
@@ -203,7 +203,7 @@ class Batch:
         """Follow the chain forward, and keep what e (at outputs) and H e (at rows) are made of: `gram`, the covariance of all of them."""
         self.chain, self.c, self.part, self.step = chain, {}, {}, {}  # by place in the chain
         n = len(chain.start)
-        size = n + sum(int((link.q > 0).sum()) for link in chain.chain if isinstance(link, Link))
+        size = n + sum(int((np.diag(link.q) > 0).sum()) for link in chain.chain if isinstance(link, Link))
         M, c, taken, kept, count = np.zeros((n, size)), np.zeros(n), n, [], 0
         M[:, :n] = np.linalg.cholesky(chain.start)
         waiting: list[int] = []  # places of moments within the next step: e at its end says what they are
@@ -214,8 +214,8 @@ class Batch:
             if isinstance(link, Link):
                 grown = np.zeros((len(link.A), size))
                 grown[:, :taken] = link.A @ M[:, :taken]
-                driven = np.flatnonzero(link.q > 0)
-                grown[driven, taken + np.arange(len(driven))] = np.sqrt(link.q[driven])
+                driven = np.flatnonzero(np.diag(link.q) > 0)
+                grown[np.ix_(driven, taken + np.arange(len(driven)))] = np.linalg.cholesky(link.q[np.ix_(driven, driven)])
                 M, c, taken = grown, link.A @ c, taken + len(driven)
                 self.step |= dict.fromkeys(waiting, link)
             H = link.H if isinstance(link, Row) else np.eye(len(M))

@@ -324,6 +324,30 @@ def view_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.concatenate([offset(a, 0, b, 0), a[5:8] - b[5:8], turned, a[12:21] - b[12:21]])
 
 
+def test_a_gap_in_one_step_is_as_uncertain_as_in_many() -> None:
+    """White acceleration through 0.3 s: q t^3 / 3, q t^2 / 2, q t, however the time is cut."""
+    process, _ = process_and_plan()
+    x, u = random_motion(np.random.default_rng(3))
+    u[6] = 0.0
+
+    def grown(steps: int) -> np.ndarray:
+        here, P, memory = x.copy(), np.zeros((WIDE, WIDE)), np.zeros(64)
+        for _ in range(steps):
+            half, full = np.zeros(WIDE * WIDE), np.zeros(WIDE * WIDE)
+            process.step(here, u, 0.3 / steps, process.parameters, memory)
+            process.push(memory, 0.3 / steps, process.parameters, P.ravel(), half, 16)
+            process.push(memory, 0.3 / steps, process.parameters, half.reshape(WIDE, WIDE).T.ravel(), full, 16)
+            P = full.reshape(WIDE, WIDE).copy()
+            process.noise(memory, 0.3 / steps, process.parameters, P.reshape(-1))
+        return P[:6, :6]
+
+    q = grown(1)[3, 3] / 0.3
+    assert q > 0.0
+    exact = q * np.kron([[0.3**3 / 3, 0.3**2 / 2], [0.3**2 / 2, 0.3]], np.eye(3))
+    assert np.abs(grown(1) - exact).max() < 1e-12 * q
+    assert np.abs(grown(30) - exact).max() < 1e-12 * q
+
+
 def test_pull() -> None:
     """`pull` of the identity is the derivative of the view; of the rate, what turns the Earth's and transport rate is left out (1/R)."""
     process, _ = process_and_plan()
@@ -398,6 +422,8 @@ def test_noise_adds_densities() -> None:
         process.noise(memory, 0.01, process.parameters, P)
         full = P.reshape(WIDE, WIDE)
         np.testing.assert_allclose(np.diag(full)[3:9], np.repeat([accel, gyro], 3) * 0.01, rtol=1e-14)
+        shaken = full[:6, :6] if not present else np.zeros((6, 6))  # position and velocity in a gap: the test of a gap in one step
+        full[:6, :6] -= shaken
         assert np.count_nonzero(full - np.diag(np.diag(full))) == 0
 
 

@@ -208,7 +208,7 @@ class Twin:
         self.input = np.zeros(8)
         self.outputs: list[tuple[np.ndarray, np.ndarray]] = []
         self.noise = process_noise(aboard)
-        self.transition, self.drive = np.eye(n), np.zeros(n)  # of the last step: the matrix, and the variances that it adds
+        self.transition, self.drive = np.eye(n), np.zeros((n, n))  # of the last step: the matrix, and the covariance that it adds
         self.looked: tuple[np.ndarray, ...] = ()  # the last row that was looked at: Jacobian, residual, noise, correction
         self.gates = [chi2.ppf(slot.gate_probability, len(slot.channel.components)) for slot in composition.slots]
 
@@ -276,8 +276,12 @@ class Twin:
         self.nuisances = mean + (self.nuisances - mean) * decay
         self.P = transition @ self.P @ transition.T
         drive = [c.walk**2 * dt if isinf(c.tau) else c.steady**2 * (1.0 - exp(-2.0 * dt / c.tau)) for c in self.constants]
-        q = np.concatenate([self.noise[int(self.input[6])] * dt, drive, np.zeros(n - 15 - k)])
-        self.P[range(n), range(n)] += q
+        q = np.diag(np.concatenate([self.noise[int(self.input[6])] * dt, drive, np.zeros(n - 15 - k)]))
+        if not self.input[6]:  # the unknown motion: q integrated once and twice
+            place, velocity, shaken = np.arange(3), np.arange(3, 6), self.noise[0][3:6]
+            q[place, place] = shaken * dt**3 / 3
+            q[place, velocity] = q[velocity, place] = shaken * dt**2 / 2
+        self.P += q
         self.transition, self.drive = transition, q
 
     def mechanise(self, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:

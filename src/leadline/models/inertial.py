@@ -171,6 +171,12 @@ def noise(m, dt, params, P):
     present = m[PRESENT_M] != 0.0
     accel = params[ACCEL_DENSITY] if present else params[GAP_ACCEL]
     gyro = params[GYRO_DENSITY] if present else params[GAP_RATE]
+    if not present:  # steps are long there: what shakes the velocity moves the position within the step
+        half, third = 0.5 * accel * dt * dt, accel * dt * dt * dt / 3.0
+        for i in range(3):
+            P[i * (WIDE + 1)] += third
+            P[i * WIDE + 3 + i] += half
+            P[(3 + i) * WIDE + i] += half
     for i in range(3):
         P[(3 + i) * (WIDE + 1)] += accel * dt
         P[(6 + i) * (WIDE + 1)] += gyro * dt
