@@ -223,15 +223,22 @@ def test_a_table_that_the_vehicle_does_not_name_is_counted(desk: Desk, small: Lo
     assert desk.summary()["counts"]["log_speed"] == {"not_configured": 2}
 
 
-def test_a_clock_that_jumps_back_is_counted(desk: Desk, small: Log) -> None:
+@pytest.mark.parametrize("known", ["sequence", "received", "told"])
+def test_a_clock_that_jumps_back_is_counted(desk: Desk, small: Log, known: str) -> None:
+    """Ten rows fifteen seconds back: each steps back, or where arrivals are known, four after each of two steps are set aside."""
     depth = small["depth"]
     time = depth.time.copy()
     time[60:70] -= 15.0
-    write_log(replace(small, tables={**small.tables, "depth": replace(depth, time=time, received=depth.time + 0.01)}), desk.log)
+    order = {"sequence": np.arange(len(time), dtype=float)} if known == "sequence" else {"received": depth.time + 0.01}
+    write_log(replace(small, tables={**small.tables, "depth": replace(depth, time=time, **order)}), desk.log)
+    if known == "told":
+        text = desk.vehicle.read_text().replace("[sensors.depth]", "[sensors.depth]\nmend_clock = false")
+        desk.vehicle.write_text(text)
     assert desk.solve()[0] == 0
     counts = desk.summary()["counts"]["depth"]
-    assert counts["clock_jump"] == 10
+    assert counts["clock_jump"] == (8 if known == "received" else 10)
     assert sum(counts.values()) == ROWS["depth"]
+    assert len(desk.summary().get("clock_steps", [])) == (0 if known == "sequence" else 2)
 
 
 def test_rows_that_are_no_numbers_are_counted(desk: Desk, small: Log) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import Imu, Other, Table, expand
+from leadline.data.records import Imu, Other, Table, ascending, complete, expand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -93,7 +93,7 @@ def inspect(log: Log) -> Inspection:
 
 def _facts(table: Table) -> Facts:
     time = table.time[np.isfinite(table.time)]
-    unique = np.unique(time)
+    unique = ascending(time)
     steps = np.diff(unique)
     interval = float(np.median(steps)) if len(steps) else math.nan
     gaps = np.flatnonzero(steps > GAP * interval)
@@ -131,6 +131,8 @@ def _spread(values: Array) -> Spread | None:
 
 def _duplicates(table: Table) -> int:
     """Count the rows that equal an earlier one in all columns; only rows of one time can, so only those are compared."""
+    if (np.diff(table.time) > 0.0).all():
+        return 0
     _, where, counts = np.unique(table.time, return_inverse=True, return_counts=True)
     rows = np.flatnonzero(counts[where] > 1)
     if not len(rows):
@@ -158,8 +160,9 @@ def _clock_jumps(table: Table) -> Array:
 def _rows_held(values: Array) -> float:
     """Return how many rows a value stays before it changes, or 1: runs of equal values must be many and of equal length."""
     rows = values[:, None] if values.ndim == 1 else values
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    runs = np.diff(np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)))
+    rows = rows[complete(rows)]
+    changes = rows[1:] != rows[:-1]
+    runs = np.diff(np.flatnonzero(np.logical_or.reduce([changes[:, j] for j in range(rows.shape[1])])))
     if len(runs) < RUNS or np.mean(runs) < 1.8 or np.mean(np.abs(runs - np.mean(runs)) <= 1.0) < 0.9:
         return 1.0
     return float(np.mean(runs))

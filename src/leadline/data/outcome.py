@@ -18,7 +18,7 @@ class Outcome(IntEnum):
     DUPLICATE = 4, "equals another row in all columns"
     HELD = 5, "repeats a value that the sensor holds between measurements"
     LATE = 6, "arrived after the window of the navigator had closed"
-    CLOCK_JUMP = 7, "its time steps backward against the order of arrival"
+    CLOCK_JUMP = 7, "its time steps backward against the order of arrival, or its clock has only just stepped"
     NOT_CONFIGURED = 8, "the vehicle file does not name this sensor"
     OUTSIDE_RUN = 9, "lies before the start or after the end of the run"
     NO_CLONE = 10, "the pose at its earlier epoch is not available"

@@ -14,7 +14,7 @@ import numpy as np
 from leadline.core.attitude import conjugate, logarithm, product, quaternion_from_euler, wrapped
 from leadline.core.geodesy import SEMI_MAJOR_AXIS, north_east
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed, Truth
+from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed, Truth, ascending, complete
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,8 +45,8 @@ def suspicions(log: Log) -> Iterator[Finding]:
 
 def _finite(values: Any) -> Array:
     array = np.asarray(values, float)
-    good = np.isfinite(array)
-    return np.asarray(array[good if array.ndim == 1 else good.all(axis=1)])
+    good = complete(array)
+    return array if good.all() else array[good]
 
 
 def _time(name: str, table: Table) -> Iterator[Finding]:
@@ -79,7 +79,7 @@ def _time_scales(log: Log) -> Iterator[Finding]:
 
 def _slow(log: Log) -> Iterator[Finding]:
     """Rates a thousandth of what such instruments have: all times in milliseconds at once, which no other table gives away."""
-    times = {name: t for name, table in log.tables.items() if len(t := np.unique(_finite(table.time))) >= 10 and t[-1] < 6e8}
+    times = {name: t for name, table in log.tables.items() if len(t := ascending(_finite(table.time))) >= 10 and t[-1] < 6e8}
     steps = {name: float(np.median(np.diff(t))) for name, t in times.items()}
     imus = [name for name in steps if isinstance(log.tables[name], Imu)]
     prompt = imus or [name for name in steps if isinstance(log.tables[name], Dvl | Heading | Attitude)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.data.records import Imu
+from leadline.data.records import Imu, complete
 from leadline.estimate import plan as at
 from leadline.estimate.clocks import Clock
 from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered
@@ -208,7 +208,7 @@ def _imu_rows(log: Log, config: SensorConfig, gap: float) -> UnitRows:
     order = np.argsort(table.time, kind="stable")
     order = order[~aside[order]]
     values = [v for v in (table.gyro, table.accel, table.delta_angle, table.delta_velocity, table.interval) if v is not None]
-    good = np.isfinite(table.time) & np.logical_and.reduce([np.isfinite(v.reshape(len(table), -1)).all(axis=1) for v in values])
+    good = np.logical_and.reduce([complete(v) for v in (table.time, *values)])
     if table.valid is not None:
         good &= np.nan_to_num(table.valid) != 0
     known = order[good[order]]

@@ -149,8 +149,12 @@ def _write_table(columns: Callable[[slice], dict[str, Any]], count: int, file: P
         return pa.table({name: pa.array(np.ascontiguousarray(value)) for name, value in made.items()})
 
     head = block(0)
-    writer = csv.CSVWriter if file.suffix == ".csv" else parquet.ParquetWriter
-    with writer(file, head.schema) as out:
+    if file.suffix == ".csv":
+        writer = csv.CSVWriter(file, head.schema)
+    else:  # numbers hardly repeat: a dictionary of them takes longer to make, and to store
+        words = [column.name for column in head.schema if pa.types.is_string(column.type)]
+        writer = parquet.ParquetWriter(file, head.schema, use_dictionary=words)
+    with writer as out:
         out.write_table(head)
         for first in range(BLOCK, count, BLOCK):
             out.write_table(block(first).cast(head.schema))

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from leadline.core import geodesy
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
+from leadline.data.records import complete
 from leadline.models.nuisance import Nuisance
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def reading(table: Table, *rows: Rows, outcome: npt.NDArray[np.int64] | None = N
 
 def finite_rows(channel: int, data: Array, keep: npt.NDArray[np.bool_] | None = None, earlier: Array | None = None) -> Rows:
     """Return the rows of `data` (n, row_length) that are all finite (and kept) as rows of a channel."""
-    good = np.isfinite(data).all(axis=1)
+    good = complete(data)
     if keep is not None:
         good &= keep
     if earlier is not None:
