@@ -13,6 +13,7 @@ from leadline.assess.consistency import Consistency, Verdict, consistency
 from leadline.assess.errors import BLOCKS, Errors, Misclosure, errors_of, misclosures, spread
 from leadline.assess.happenings import Happening, happenings
 from leadline.assess.matching import distance
+from leadline.assess.timing import timing
 from leadline.assess.usage import counts_of, finite
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def assess(solution: Solution, truth: Truth | None = None, *, gap: float = 2.0) 
     """Assess a solution, against truth where there is one: rows of truth more than `gap` s from a row of the solution are left out."""
     solution = finite(solution)
     errors = None if truth is None else errors_of(solution, truth, gap=gap)
+    happened = [*happenings(solution), *(timing(errors, solution, truth) if errors is not None and truth is not None else ())]
     return Assessment(
         duration=float(solution.time[-1] - solution.time[0]) if len(solution) else 0.0,
         distance=distance(solution),
@@ -97,5 +99,5 @@ def assess(solution: Solution, truth: Truth | None = None, *, gap: float = 2.0) 
         consistency=consistency(solution, errors),
         misclosures=misclosures(solution),
         errors=errors,
-        happenings=happenings(solution),
+        happenings=tuple(sorted(happened, key=lambda happening: happening.start)),
     )
