@@ -107,6 +107,121 @@ def test_missing_rows_are_no_step_and_one_wild_stamp_is_set_aside():
     assert np.array_equal(mended.time[~aside], TIME[~aside])
 
 
+def off(stamps, received, clock=None):
+    """How far the stamps that are believed are off in the end (s), of a clock whose `received` is right."""
+    clock = clock or Clock()
+    mended, aside = clock.take(table(stamps, received))
+    row, alone = one_by_one(table(stamps, received), Clock())
+    assert np.array_equal(mended.time[np.argsort(received, kind="stable")], row, equal_nan=True)
+    assert np.array_equal(aside[np.argsort(received, kind="stable")], alone)
+    return mended.time, aside
+
+
+@pytest.mark.parametrize("rows", range(1, 12))
+def test_a_hiccup_of_a_few_rows_ends(rows):
+    stamps = np.arange(0.0, 60.0, 0.2)
+    received = stamps.copy()
+    wrong = stamps.copy()
+    wrong[100 : 100 + rows] += 1.0
+    mended, aside = off(wrong, received + 0.05)
+    assert np.abs(mended - stamps)[~aside].max() < 1e-9
+    assert aside.sum() <= 2 * AFTER
+
+
+@pytest.mark.parametrize(("packet", "lost"), [(1.0, 0.4), (0.5, 0.3), (1.0, 0.9)])
+def test_rows_lost_from_a_packet_are_no_step(packet, lost):
+    time = np.arange(0.0, 60.0, 0.01)
+    time = time[(time < 30.02) | (time > 30.02 + lost)]
+    received = np.floor(time / packet) * packet + packet + 0.02
+    mended, aside = off(time, received)
+    assert np.array_equal(mended[~aside], time[~aside])
+    assert aside.sum() <= AFTER
+
+
+def test_rows_lost_in_a_queue_are_no_step():
+    time = np.arange(0.0, 600.0, 0.2)
+    held = (time > 200.0) & (time < 260.0)
+    received = np.where(held, 260.0 + 1e-3 * np.cumsum(held), time + 0.05)
+    kept = ~((time > 220.0) & (time < 230.0))
+    mended, aside = off(time[kept], received[kept])
+    assert np.array_equal(mended[~aside], time[kept][~aside])
+
+
+@pytest.mark.parametrize("interval", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("rows", [3, 10, 30])
+def test_a_driver_that_repeats_its_last_stamp_is_no_step(interval, rows):
+    time = np.arange(100) * interval
+    stamps = time.copy()
+    stamps[40 : 40 + rows] = stamps[39]
+    mended, aside = off(stamps, time + 0.05)
+    assert np.array_equal(mended[~aside], stamps[~aside])
+
+
+@pytest.mark.parametrize("wrong", [-1.7e9, -30.0, -0.7, 0.7, 500.0])
+def test_a_clock_that_is_wrong_when_it_starts_and_then_set_right(wrong):
+    """The clock that is nearer to the arrivals is the right one, whichever came first."""
+    time = np.arange(0.0, 60.0, 0.2)
+    stamps = time + np.where(np.arange(len(time)) < 30, wrong, 0.0)
+    mended, aside = off(stamps, time + 0.05)
+    assert np.array_equal(mended[30:][~aside[30:]], time[30:][~aside[30:]])
+
+
+@pytest.mark.parametrize("period", [1.001, 0.999, 1.002, 0.998, 2.001])
+def test_stamps_in_whole_seconds_do_not_drift_away(period):
+    time = np.arange(3000) * period
+    stamps = np.floor(time)
+    mended, aside = off(stamps, time + 0.01)
+    assert np.abs(mended - time)[~aside].max() < 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("polled", [1.002, 0.998])
+def test_a_device_that_is_polled_does_not_drift_away(polled):
+    received = 10.0 + np.arange(3000) * polled
+    stamps = np.floor(received)  # of the last of its rows
+    mended, aside = off(stamps, received)
+    assert np.abs(mended - stamps)[~aside].max() < 1.0 + 1e-9
+
+
+def test_a_queue_that_is_flushed_is_no_step():
+    time = np.arange(0.0, 200.0, 1.0)
+    received = np.where(time < 100.0, time + np.minimum(20.0, 0.4 * time), time + 0.05)
+    kept = (time < 80.0) | (time >= 100.0)
+    mended, aside = off(time[kept], received[kept])
+    assert np.array_equal(mended[~aside], time[kept][~aside])
+
+
+@pytest.mark.parametrize("chance", [0.02, 0.1, 0.3])
+def test_fixes_of_two_ages_are_no_step(chance):
+    """A telegram each half minute, with the fix of this cycle or of the one before."""
+    generator = np.random.default_rng(5)
+    old = np.cumsum(generator.random(2000) < chance) % 2
+    received = 30.0 * np.arange(2000) + 12.0
+    stamps = received - np.where(old, 10.0, 2.0)
+    mended, aside = off(stamps, received)
+    assert not aside.any()
+    assert np.array_equal(mended, stamps)
+
+
+def test_a_clock_that_comes_right_in_a_silence():
+    time = np.arange(0.0, 200.0, 0.2)
+    time = time[(time < 120.0) | (time > 140.0)]
+    stamps = time + ((time >= 100.0) & (time < 130.0))
+    mended, aside = off(stamps, time + 0.05)
+    assert np.abs(mended - time)[~aside].max() < 1e-9
+    assert aside.sum() == 2 * AFTER
+
+
+def test_rows_whose_arrival_is_not_known_are_stamped_as_the_others():
+    time = np.arange(0.0, 60.0, 0.2)
+    stamps, received = time + (time > 30.0), time + 0.05
+    received[::10] = np.nan
+    clock = Clock()
+    mended, aside = clock.take(table(stamps, received))
+    assert len(clock.steps) == 1
+    clear = ~aside & ((time < 29.0) | (time > 32.0))
+    assert np.abs(mended.time - time)[clear].max() < 1e-9
+
+
 def test_many_steps_are_found():
     clock = Clock()
     mended, aside = clock.take(table(TIME + np.floor(np.arange(len(TIME)) / 20.0), TIME))
@@ -159,6 +274,23 @@ def test_a_dive_with_a_clock_that_steps_is_that_without(tmp_path, sensor):
     left = solve(wrong, aboard, times=times[:-1])
     assert [s["mended"] for s in left.summary["clock_steps"]] == [False]
     assert np.abs(left.position_n - calm.position_n[:-1]).max() > np.abs(found.position_n - calm.position_n).max()
+
+
+def test_a_dive_in_which_some_arrivals_are_not_known(tmp_path):
+    """Live as offline, also through a step; a log cut before the step tells none."""
+    write_short_dive(tmp_path)
+    log, vehicle = read_log(tmp_path / "dive"), read_vehicle(tmp_path / "vehicle.toml")
+    calm = solve(log, vehicle)
+    log = troubled(log, [ClockJump(sensor="dvl", begin=50.0, step=1.0)], 1)
+    for name, every in (("imu", 7), ("dvl", 50)):
+        received = log[name].time.copy() if log[name].received is None else log[name].received.copy()
+        received[::every] = np.nan
+        log = replace(log, tables={**log.tables, name: replace(log[name], received=received)})
+    found, live = solve(log, vehicle), solve_as_live(log, vehicle)
+    assert found.summary["clock_steps"] == live.summary["clock_steps"] != []
+    assert np.abs(found.position_n - live.position_n).max() < 1e-9
+    assert np.abs(found.position_n - calm.position_n).max() < 0.1
+    assert "clock_steps" not in solve(log, vehicle, end=30.0).summary
 
 
 def test_a_broken_off_run_remembers_its_clocks(tmp_path):

@@ -111,7 +111,7 @@ def after(first: Table, second: Table) -> Table:
 def complete(values: Array) -> npt.NDArray[np.bool_]:
     """Return which rows (n,) of numbers (n, ...) are all finite; column by column, as a reduction over few columns is slow."""
     columns = np.isfinite(values.reshape(len(values), -1)) if len(values) else np.zeros((0, 1), bool)
-    return np.asarray(np.logical_and.reduce([columns[:, j] for j in range(columns.shape[1])]))
+    return np.asarray(np.logical_and.reduce([np.ones(len(values), bool), *(columns[:, j] for j in range(columns.shape[1]))]))
 
 
 def ascending(times: Array) -> Array:

@@ -179,6 +179,8 @@ class Screen:
             return np.zeros(len(table), bool)
         order = np.argsort(arrival, kind="stable") if len(np.unique(arrival)) == len(arrival) else np.arange(len(arrival))  # or it wraps
         order = order[np.isfinite(arrival[order])]
+        if not len(order):
+            return np.zeros(len(table), bool)
         time = np.where(np.isfinite(table.time), table.time, -np.inf)[order]
         known = np.concatenate([self.recent, time])
         self.recent = known[-RECENT:]

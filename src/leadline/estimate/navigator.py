@@ -73,7 +73,8 @@ class Navigator:
         self.runner = Runner(composition)
         self.screens = {s.config.name: Screen(s.config.repeats, s.config.latency, live=True) for s in composition.sensors}
         self._sensors = {s.config.name: s for s in composition.sensors}
-        self.clocks = {name: Clock() for name in (*self._sensors, *(inputs.names if inputs is not None else ()))} | (clocks or {})
+        self.clocks = {name: Clock() for name in (inputs.names if inputs is not None else ())}
+        self.clocks |= {name: Clock(s.config.mend_clock) for name, s in self._sensors.items()} | (clocks or {})
         self.kinds = {name: s.config.kind for name, s in self._sensors.items()}
         twice = [s.flight for s in composition.sensors if any(channel.epochs == 2 for channel in s.channels)]
         self.flight = max(twice, default=0.0)  # a late row may look so far back behind its own time (s)

@@ -34,6 +34,7 @@ def fingerprint(navigator: Navigator) -> str:
     names = [*(p.name for p in layout.motion), *(n.name for n in layout.nuisances), str(layout.clones)]
     names += [f"{s.config.name} {json.dumps(s.config.written, sort_keys=True, default=str)}" for s in c.sensors]
     epoch = navigator.reference.epoch.isoformat() if navigator.reference is not None else ""
+    names += [f"{name} {clock.mend}" for name, clock in sorted(navigator.clocks.items())]
     return blake2b(" ".join([*names, epoch]).encode() + c.params.tobytes(), digest_size=16).hexdigest()
 
 
@@ -116,9 +117,9 @@ def restore(navigator: Navigator, path: Path) -> float:
         screen.seen, screen.value = dict.fromkeys(map(bytes.fromhex, seen)), bytes.fromhex(value)
         screen.recent = arrays[f"recent.{name}"]
     for name, clock in told["clocks"].items():
-        pairs = {k: [(stamp, received) for stamp, received in clock[k]] for k in ("known", "doubted")}
+        known, doubted = ([(stamp, received) for stamp, received in clock[k]] for k in ("known", "doubted"))
         steps = [Step(*step) for step in clock["steps"]]
-        navigator.clocks[name] = Clock(navigator.clocks[name].mend, clock["offset"], **pairs, steps=steps)
+        navigator.clocks[name] = Clock(clock["mend"], clock["offset"], known, doubted, steps, clock["least"], clock["most"])
     if navigator.inputs is not None:
         navigator.inputs.first.memory, navigator.inputs.handed = arrays["inputs.first"], told["handed"]
         navigator.inputs.begun = told["begun"]

@@ -100,7 +100,7 @@ def solve(
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
     summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream.spans)}
-    summary |= clock_steps(stream.clocks)
+    summary |= clock_steps(stream.clocks, stream.end)
     return replace(solution, innovations=innovations, status=status, summary=summary)
 
 
@@ -227,12 +227,13 @@ def inertial_spans(spans: Sequence[Span]) -> dict[str, Any]:
     return {"inertial": told} if told else {}
 
 
-def clock_steps(clocks: Mapping[str, Clock]) -> dict[str, Any]:
-    """Return when (of arrival) which clock stepped by how much, and whether the stamps after it were put right, for the summary."""
+def clock_steps(clocks: Mapping[str, Clock], end: float = np.inf) -> dict[str, Any]:
+    """Return when (of arrival, up to `end`) which clock stepped by how much, and whether stamps were put right, for the summary."""
     told = [
         {"sensor": name, "arrival_s": step.arrival, "step_s": step.size, "mended": clock.mend}
         for name, clock in clocks.items()
         for step in clock.steps
+        if step.arrival <= end
     ]
     return {"clock_steps": told} if told else {}
 
