@@ -126,7 +126,7 @@ def offline(log: Log, aboard: Vehicle) -> tuple[Navigator, dict[tuple[str, int],
     results, events = navigator.run(stream.events, len(stream.times)), stream.events
     outcomes = {(name, row): int(code) for name, codes in stream.outcome.items() if name != "imu" for row, code in enumerate(codes)}
     for e in np.flatnonzero(events.measured):
-        outcomes[events.sensor[e], int(events.row[e])] = int(results.outcome[events.index[e]])
+        outcomes[navigator.composition.slots[events.kind[e]].sensor, int(events.row[e])] = int(results.outcome[events.index[e]])
     return navigator, outcomes
 
 

@@ -69,7 +69,6 @@ class Ledger:
             stop=window.stop[:cut],
             data=window.data,
             index=window.index[:cut],
-            sensor=[window.name(i) for i in range(cut)],
             row=window.row[:cut].copy(),
         )
         own = np.flatnonzero(events.kind == IS_INPUT)

@@ -63,7 +63,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Events:
-    """A stream in the form that the loop consumes; `sensor` and `row` say where a measurement comes from."""
+    """A stream in the form that the loop consumes; `row` says which row of its table a measurement comes from."""
 
     time: Array
     kind: Integers
@@ -71,7 +71,6 @@ class Events:
     stop: Integers
     data: Array
     index: Integers  # of the result or the output that the event fills
-    sensor: list[str]
     row: Integers
 
     def __len__(self) -> int:
@@ -89,7 +88,7 @@ def ordered(batches: Sequence[Batch]) -> Events:
     batches = [batch for batch in batches if len(batch.time)]
     if not batches:
         nothing = np.zeros(0, np.int64)
-        return Events(np.zeros(0), nothing, nothing, nothing, np.zeros(0), nothing, [], nothing)
+        return Events(np.zeros(0), nothing, nothing, nothing, np.zeros(0), nothing, nothing)
     length = [batch.data.shape[1] for batch in batches]
     count = [len(batch.time) for batch in batches]
     time = np.concatenate([batch.time for batch in batches])
@@ -111,8 +110,7 @@ def ordered(batches: Sequence[Batch]) -> Events:
         if len(batch.row):
             mine = source == i
             row[mine] = batch.row[local[mine]]
-    names = [batches[i].sensor for i in source]
-    return Events(time[order], kind, start[:-1], start[1:], data, _indices(kind), names, row)
+    return Events(time[order], kind, start[:-1], start[1:], data, _indices(kind), row)
 
 
 def _indices(kind: Integers) -> Integers:

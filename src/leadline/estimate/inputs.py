@@ -236,10 +236,11 @@ class Conditioned:
         starts = np.array([m[TIME_M] for m in self.memories])  # a block's inputs begin at or after this
         a = max(0, int(np.searchsorted(starts, first, side="right")) - 1)
         b = max(a + 1, int(np.searchsorted(starts, last, side="left")))
-        made = [self._block(k) for k in range(a, min(b, len(starts)))]
-        time, data = np.concatenate([t for t, _ in made]), np.concatenate([d for _, d in made])
-        i, j = np.searchsorted(time, [first, last], side="left")
-        return time[i:j], data[i:j]
+        made = []
+        for time, data in (self._block(k) for k in range(a, min(b, len(starts)))):
+            i, j = np.searchsorted(time, [first, last], side="left")
+            made.append((time[i:j], data[i:j]))
+        return np.concatenate([t for t, _ in made]), np.concatenate([d for _, d in made])
 
     def _block(self, k: int) -> tuple[Array, Array]:
         if self._kept is not None and self._kept[0] == k:
