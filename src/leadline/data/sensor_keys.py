@@ -19,7 +19,7 @@ Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 class Keys(BaseModel):
     """A table of a vehicle file: unknown keys are refused, nothing is converted silently."""
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)  # of a vehicle with few kinds few are built
 
 
 class Sensor(Keys):
