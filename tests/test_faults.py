@@ -270,14 +270,20 @@ def test_navigator_sees_each_fault_for_what_it_is(log):
         assert np.mean(got[~rows] == Outcome.USED) > 0.95, sensor
 
 
-def test_navigator_sees_a_clock_that_steps_back(log):
+def test_navigator_sees_a_clock_that_steps(log):
+    """Four rows after each step, as arrivals show it; where that only tells, the rows that step back."""
     vehicle, known = vehicle_from_toml(VEHICLE), log.without("ahrs", "local", "gnss")
-    solution = solve(troubled(known, [ClockJump(sensor="dvl", begin=10.0, step=-1.0)], 1), vehicle)
-    jumped = np.flatnonzero(outcomes(solution, "dvl") == Outcome.CLOCK_JUMP)
-    assert jumped[0] == 50  # the first after the step
-    assert np.all(np.diff(jumped) == 1)
-    ahead = solve(troubled(known, [ClockJump(sensor="dvl", begin=10.0, end=30.0, step=1.0)], 1), vehicle)
-    assert np.flatnonzero(outcomes(ahead, "dvl") == Outcome.CLOCK_JUMP)[0] == 150  # when it is set right
+    left = replace(vehicle, sensors={**vehicle.sensors, "dvl": replace(vehicle["dvl"], mend_clock=False)})
+    back, ahead = ClockJump(sensor="dvl", begin=10.0, step=-1.0), ClockJump(sensor="dvl", begin=10.0, end=30.0, step=1.0)
+
+    def jumped(fault, aboard):
+        return np.flatnonzero(outcomes(solve(troubled(known, [fault], 1), aboard), "dvl") == Outcome.CLOCK_JUMP).tolist()
+
+    assert jumped(back, vehicle) == [50, 51, 52, 53]
+    assert jumped(ahead, vehicle) == [50, 51, 52, 53, 150, 151, 152, 153]
+    stepped = jumped(back, left)
+    assert stepped == list(range(50, 50 + len(stepped)))
+    assert jumped(ahead, left)[0] == 150  # when it is set right
 
 
 def test_late_rows_cost_nothing_within_the_window_and_are_late_beyond_it(log):
