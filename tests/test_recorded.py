@@ -60,7 +60,7 @@ def scored(log, vehicle):
 def test_a_calibration_from_four_dives_serves_the_others():
     """Nothing fitted on a dive is used on it.  The fifth and sixth with a fragment of the first four, and each pair with one of the others.
 
-    Over all six the RMS is 1.13 m (1.1 is the reference's), by the fourth, whose truth is at odds with itself.
+    Over all six the RMS is 1.13 m (1.1 is the reference's), by the fourth, whose Doppler velocity is at odds with truth.
     """
     plain = read_vehicle(VEHICLE)
     logs = [read_log(folder) for folder in DIVES]
@@ -90,7 +90,7 @@ def vehicle_over(path, text):
 
 @pytest.mark.parametrize("lost", [False, True], ids=["heading off by 5 deg", "bottom lock lost from 100 s on"])
 def test_what_goes_wrong_stays_inside_three_sigma(lost):
-    """But for the fourth dive, whose truth is at odds with itself by metres (docs/accuracy.md)."""
+    """But for the fourth dive, whose Doppler velocity is at odds with truth by metres (docs/accuracy.md)."""
     vehicle = read_vehicle(VEHICLE)
     ends = []
     for folder in DIVES:
