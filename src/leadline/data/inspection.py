@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import Imu, Other, Table, ascending, complete, expand
+from leadline.data.records import Imu, Other, Table, expand
+from leadline.data.rows import ascending, complete
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -108,17 +108,6 @@ def after(first: Table, second: Table) -> Table:
     return type(second)(**columns, **other, extra=extra)
 
 
-def complete(values: Array) -> npt.NDArray[np.bool_]:
-    """Return which rows (n,) of numbers (n, ...) are all finite; column by column, as a reduction over few columns is slow."""
-    columns = np.isfinite(values.reshape(len(values), -1)) if len(values) else np.zeros((0, 1), bool)
-    return np.asarray(np.logical_and.reduce([np.ones(len(values), bool), *(columns[:, j] for j in range(columns.shape[1]))]))
-
-
-def ascending(times: Array) -> Array:
-    """Return distinct times in order, as np.unique does; most tables are in order already."""
-    return times if (np.diff(times) > 0.0).all() else np.unique(times)
-
-
 def _stacked(a: Any, b: Any, rows_a: int, rows_b: int) -> Any:
     if a is None and b is None:
         return None

@@ -14,7 +14,8 @@ import numpy as np
 from leadline.core.attitude import conjugate, logarithm, product, quaternion_from_euler, wrapped
 from leadline.core.geodesy import SEMI_MAJOR_AXIS, north_east
 from leadline.data.finding import Finding, numeric_columns, value_fields
-from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed, Truth, ascending, complete
+from leadline.data.records import UNITS, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix, Speed, Truth
+from leadline.data.rows import ascending, complete
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,7 +11,8 @@ import numpy as np
 
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.data.records import Imu, complete
+from leadline.data.records import Imu
+from leadline.data.rows import complete
 from leadline.estimate import plan as at
 from leadline.estimate.clocks import Clock
 from leadline.estimate.events import Batch, Screen, agreed, measurements, ordered

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from leadline.core import geodesy
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.data.records import complete
+from leadline.data.rows import complete
 from leadline.models.nuisance import Nuisance
 
 if TYPE_CHECKING:
