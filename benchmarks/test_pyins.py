@@ -17,7 +17,8 @@ from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.solve import navigator_for, stream_of
 from leadline.simulate.dive import StartSigmas, simulate
 from leadline.simulate.instruments import Drift, Dvl, Imu, PositionFix
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 pyins = pytest.importorskip("pyins.filters", reason="pyins is not installed (see the top of this file)")
 

@@ -17,7 +17,7 @@ from leadline.data.vehicle import vehicle_from_toml
 from leadline.models.sensor import Channel, Sensor, finite_rows, reading, usable
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import Dvl, Imu
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, Place, survey
 
 VEHICLE = """
 name = "one-with-an-echo-sounder"

@@ -16,7 +16,8 @@ from leadline.data.log import Beacon
 from leadline.formats.folder import write_log
 from leadline.simulate.dive import StartSigmas, simulate
 from leadline.simulate.instruments import AcousticRange, Depth, Drift, Dvl, Gnss, Heading, Imu, Instrument, PositionFix
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 DURATION = 1800.0
 HARBOUR = Place(radians(32.84), radians(34.92), depth=0.3, surface_height=17.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from leadline import write_log
 from leadline.simulate.dive import StartSigmas, simulate
-from leadline.simulate.trajectory import survey
+from leadline.simulate.plans import survey
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -14,7 +14,8 @@ from leadline.estimate.assembly import navigator_for
 from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "live"

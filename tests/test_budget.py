@@ -16,7 +16,8 @@ from leadline.formats.folder import write_log
 from leadline.missions.bound import ideal_log
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "budget"

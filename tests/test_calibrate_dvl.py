@@ -13,7 +13,8 @@ from leadline.data.vehicle import read_vehicle, vehicle_from_toml
 from leadline.formats.folder import write_log
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "calibrated"

@@ -30,7 +30,8 @@ from leadline.simulate.instruments import (
     WaterVelocity,
     YawRate,
 )
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 MOUNTING, LEVER = (radians(3.0), radians(-4.0), radians(45.0)), (-0.6, 0.2, 0.4)
 AZIMUTHS, TILT = tuple(radians(a) for a in (0.0, 90.0, 180.0, 270.0)), radians(25.0)

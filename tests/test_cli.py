@@ -24,7 +24,8 @@ from leadline.data.records import Depth, Speed
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import Depth as DepthSensor
 from leadline.simulate.instruments import Dvl, Gnss, Heading, Imu
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

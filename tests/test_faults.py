@@ -32,7 +32,8 @@ from leadline.simulate.faults import (
     troubled,
 )
 from leadline.simulate.instruments import Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix
-from leadline.simulate.trajectory import Place, Trajectory, circle
+from leadline.simulate.plans import circle
+from leadline.simulate.trajectory import Place, Trajectory
 
 PLACE = Place(radians(45.0), radians(10.0), depth=20.0, surface_height=10.0)
 JANUS = tuple(np.radians([45.0, 135.0, 225.0, 315.0]))

@@ -20,7 +20,8 @@ from leadline.estimate.gate import student_factor
 from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "gates"
@@ -276,7 +277,7 @@ def test_fixes_and_a_doppler_log_find_the_heading_on_the_way(heading):
 
 
 def test_a_good_gyro_finds_north_at_rest_and_a_poor_one_is_refused():
-    from leadline.simulate.trajectory import still
+    from leadline.simulate.plans import still
 
     text = """
 name = "quay"

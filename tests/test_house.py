@@ -205,7 +205,6 @@ def test_what_is_public_says_what_it_is(file: Path) -> None:
 LONGEST_FUNCTION, LONGEST_FILE = 60, 400
 LONG_FILES = {
     "data/records.py": "the schema: one table type per kind, all on one page",
-    "simulate/trajectory.py": "one chain of formulas from profiles to truth",
 }
 
 

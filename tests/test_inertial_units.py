@@ -23,7 +23,8 @@ from leadline.models.inertial_units import inertial_units
 from leadline.models.layout import Layout, difference, retract
 from leadline.models.view import TANGENT, VIEW_SIZE
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 ENTRIES = """
 gyro_scale = { sigma_percent = 0.5 }

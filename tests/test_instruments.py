@@ -41,7 +41,8 @@ from leadline.simulate.instruments import (
     ZeroVelocity,
     means,
 )
-from leadline.simulate.trajectory import Lawnmower, Place, Trajectory, Weave, circle, still, straight, survey
+from leadline.simulate.plans import Lawnmower, Weave, circle, still, straight, survey
+from leadline.simulate.trajectory import Place, Trajectory
 
 EARTH_RATE = 7.292115e-5
 ROUGH = Weave((0.3, 6.1), (0.2, 7.3), (0.1, 9.0), (0.4, 11.0), (0.3, 5.0), (0.2, 4.0))

@@ -22,7 +22,8 @@ from leadline.missions.bound import bound_of, ideal_log
 from leadline.missions.instruments import instruments_of
 from leadline.missions.montecarlo import Groups, Study, monte_carlo, run_once, seed_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 RUNS = 100
 START = StartSigmas(position=2.0, depth=0.2, velocity=0.05, tilt=radians(0.3), heading=radians(1.0))

@@ -20,7 +20,8 @@ from leadline.estimate.solve import solve
 from leadline.missions.bound import ideal_log
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Place, Weave, figure_eight, straight
+from leadline.simulate.plans import Weave, figure_eight, straight
+from leadline.simulate.trajectory import Place
 
 HOUR = 3600.0
 SURE = StartSigmas(position=1e-3, depth=1e-3, velocity=1e-4, tilt=1e-5, heading=1e-5)

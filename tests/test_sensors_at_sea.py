@@ -18,7 +18,8 @@ from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
 from leadline.simulate.instruments import Drift, Surrounding
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 PLACE = Place(radians(43.0), radians(7.3), depth=3.0, surface_height=48.0)
 PLAN = Lawnmower(legs=4, length=120.0, spacing=30.0, speed=1.5, heading=radians(40.0), surface_time=10.0, dive=15.0)

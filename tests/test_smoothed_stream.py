@@ -19,7 +19,7 @@ from leadline.estimate.smoother import Smoother
 from leadline.estimate.solve import Decision, decided, solve
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder
-from leadline.simulate.trajectory import survey
+from leadline.simulate.plans import survey
 
 SAME = ("latitude", "longitude", "height", "velocity_n", "quaternion_nb", "covariance")
 FEW = settings(

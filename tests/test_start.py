@@ -17,7 +17,8 @@ from leadline.estimate.solve import navigator_for, solve
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import Gnss as Receiver
 from leadline.simulate.instruments import Imu as Inertial
-from leadline.simulate.trajectory import Place, still
+from leadline.simulate.plans import still
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "starts"

@@ -15,7 +15,7 @@ from leadline.assess.errors import errors_of
 from leadline.assess.timing import FEWEST, heading_lead
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Lawnmower, survey
+from leadline.simulate.plans import Lawnmower, survey
 
 GOOD = StartSigmas(position=0.1, depth=0.05, velocity=0.02, tilt=radians(0.02), heading=radians(0.05))
 

@@ -13,23 +13,10 @@ from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
 from leadline.data.errors import InputError
-from leadline.simulate.trajectory import (
-    Kinematics,
-    Lawnmower,
-    Place,
-    Ramp,
-    Sinusoid,
-    Steps,
-    Trajectory,
-    Weave,
-    circle,
-    figure_eight,
-    free_air_gravity,
-    gravity,
-    still,
-    straight,
-    survey,
-)
+from leadline.simulate.gravity import free_air_gravity, gravity
+from leadline.simulate.plans import Lawnmower, Weave, circle, figure_eight, still, straight, survey
+from leadline.simulate.profiles import Ramp, Sinusoid, Steps
+from leadline.simulate.trajectory import Kinematics, Place, Trajectory
 
 EARTH_RATE = 7.292115e-5
 ROUGH = Weave((0.3, 6.1), (0.2, 7.3), (0.1, 9.0), (0.4, 11.0), (0.3, 5.0), (0.2, 4.0))

@@ -24,7 +24,8 @@ from leadline.missions.montecarlo import monte_carlo, seed_of
 from leadline.missions.trials import AT_ONCE, FILTERED, SMOOTHED, Condition, Trials, known_at_once, trials
 from leadline.simulate.dive import Recorder, StartSigmas
 from leadline.simulate.faults import BeamsFailing, ClockJump, CompassSwinging, EmptyRows, LateDelivery, Outage, WildFixes, troubled
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 RUNS, FEW = 100, 5
 DURATION, SIGMA = 1200.0, 3

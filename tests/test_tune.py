@@ -26,7 +26,8 @@ from leadline.formats.folder import write_log
 from leadline.missions.instruments import instruments_of
 from leadline.simulate.dive import Recorder, StartSigmas
 from leadline.simulate.instruments import Drift
-from leadline.simulate.trajectory import Lawnmower, Place, survey
+from leadline.simulate.plans import Lawnmower, survey
+from leadline.simulate.trajectory import Place
 
 TRUE = {
     "imu.gyro_noise_deg_per_rth": 0.6,

@@ -16,7 +16,8 @@ from leadline.models.inertial import inertial
 from leadline.models.layout import CLONE_TIME
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import Imu
-from leadline.simulate.trajectory import GENTLE, Place, circle
+from leadline.simulate.plans import GENTLE, circle
+from leadline.simulate.trajectory import Place
 
 AIDED = ("dvl", "depth", "heading", "usbl")
 EARTH_RADIUS = 6.4e6

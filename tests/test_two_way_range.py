@@ -23,7 +23,8 @@ from leadline.missions.montecarlo import seed_of
 from leadline.models.sensor import Reading
 from leadline.models.sensors import acoustic_range
 from leadline.simulate.dive import Recorder, StartSigmas
-from leadline.simulate.trajectory import Place, straight
+from leadline.simulate.plans import straight
+from leadline.simulate.trajectory import Place
 
 SPEED, RANGE, SOUND = 2.0, 3000.0, 1500.0
 FLIGHT = 2 * RANGE / SOUND

@@ -26,7 +26,8 @@ from leadline.estimate.solve import Stream, navigator_for, stream_of
 from leadline.models.layout import Layout
 from leadline.simulate.dive import simulate
 from leadline.simulate.instruments import AcousticRange, Attitude, Depth, Dvl, Gnss, Heading, Imu, PositionFix
-from leadline.simulate.trajectory import Place, Weave, circle
+from leadline.simulate.plans import Weave, circle
+from leadline.simulate.trajectory import Place
 
 A, E2, EARTH = 6378137.0, 0.00669437999014, np.array([0.0, 0.0, 7.292115e-5])
 ROUGH = Weave((0.1, 6.1), (0.08, 7.3), (0.1, 9.0), (0.2, 11.0), (0.2, 5.0), (0.1, 4.0))

@@ -13,7 +13,8 @@ from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
 from leadline.models import sensors
 from leadline.simulate.dive import Recorder
-from leadline.simulate.trajectory import Place, straight
+from leadline.simulate.plans import straight
+from leadline.simulate.trajectory import Place
 
 VEHICLE = """
 name = "warmup"

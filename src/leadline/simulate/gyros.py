@@ -9,7 +9,9 @@ import numpy as np
 
 from leadline.data import records
 from leadline.data.errors import InputError
+from leadline.simulate.dense import Dense
 from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.inertial_kernels import means_of
 from leadline.simulate.instrument import ZERO, Instrument, Vector
 
 if TYPE_CHECKING:
@@ -24,8 +26,10 @@ CHUNK = 4096  # IMU intervals evaluated at a time, so that the work stays in the
 def means(trajectory: Trajectory, start: Array, end: Array, lever_arm_b: Vector = ZERO, nodes: int = 5) -> tuple[Array, Array]:
     """Return the means (n, 3) over (start, end] of angular rate against inertial space and of specific force, body axes.
 
-    Gauss-Legendre quadrature with `nodes` points in each interval.
+    Gauss-Legendre quadrature with `nodes` points in each interval; a motion between knots is integrated by compiled code.
     """
+    if isinstance(trajectory.law, Dense):
+        return means_of(trajectory.law, trajectory.place, start, end, np.asarray(lever_arm_b, float))
     points, weights = np.polynomial.legendre.leggauss(nodes)
     rate, force = np.empty((len(start), 3)), np.empty((len(start), 3))
     for first in range(0, len(start), CHUNK):

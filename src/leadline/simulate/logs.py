@@ -13,7 +13,7 @@ from leadline.data.errors import InputError
 from leadline.simulate.drift import STEADY, Drift
 from leadline.simulate.instrument import Flags, Instrument
 from leadline.simulate.surroundings import STILL, Surrounding
-from leadline.simulate.trajectory import turned_back
+from leadline.simulate.vectors import turned_back
 
 if TYPE_CHECKING:
     from numpy.random import Generator

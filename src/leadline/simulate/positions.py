@@ -11,7 +11,8 @@ from leadline.core.geodesy import ecef_from_geodetic, geodetic_from_ecef, north_
 from leadline.data import records
 from leadline.simulate.drift import STEADY, Drift
 from leadline.simulate.instrument import ZERO, Instrument, Vector
-from leadline.simulate.trajectory import euler, turned
+from leadline.simulate.trajectory import euler
+from leadline.simulate.vectors import turned
 
 if TYPE_CHECKING:
     from numpy.random import Generator
