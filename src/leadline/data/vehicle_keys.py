@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
@@ -39,6 +39,7 @@ class Point(Keys):
 class Top(Keys):
     """A whole vehicle file; what is not an instrument's own (water, sea bed, clocks) stands in tables of priors."""
 
+    outermost: ClassVar[bool] = True
     name: str
     process: Process = Process()
     sensors: dict[str, Any] = Field(min_length=1)
@@ -93,7 +94,7 @@ NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
 
 def check_top(raw: Mapping[str, Any], where: str) -> Top:
     """Check the outermost table of a vehicle file."""
-    return _checked(Top, raw, where)
+    return checked(Top, raw, where)
 
 
 def check_head(raw: Any, where: str) -> dict[str, Any]:
@@ -119,15 +120,15 @@ def check_kind(kind: str, model: str | None, where: str) -> None:
 def check_sensor(raw: Mapping[str, Any], kind: str, where: str) -> dict[str, Any]:
     """Check the keys of one sensor; returns them with defaults filled in, still in human units."""
     keys = Carried if raw.get("model") else BY_KIND.get(kind, Carried)
-    checked = _checked(keys, raw, where).model_dump()
-    for key, value in checked.items():
+    found = checked(keys, raw, where).model_dump()
+    for key, value in found.items():
         if _is_noise(key) and isinstance(value, (int, float)) and value < 0:
             raise InputError(f"{where}.{key}", shown(value), "0 or more")
-    if checked.get("declination") is not None and checked.get("declination_deg") is not None:
+    if found.get("declination") is not None and found.get("declination_deg") is not None:
         raise InputError(where, "has both 'declination' and 'declination_deg'", "give one of them")
-    if checked.get("reference") == "true" and (checked.get("declination") or checked.get("declination_deg")):
+    if found.get("reference") == "true" and (found.get("declination") or found.get("declination_deg")):
         raise InputError(where, "has a declination, and its reference is 'true'", 'set reference = "magnetic", or leave it out')
-    return checked
+    return found
 
 
 def _is_noise(key: str) -> bool:
@@ -171,7 +172,7 @@ def check_prior(raw: Any, spec: NuisanceKeys, where: str) -> dict[str, Any]:
         f"walk_{spec.unit}_per_rts": (NotNegative, None),
     }
     model: type[BaseModel] = create_model("PriorKeys", __base__=Keys, **fields)
-    return {key: value for key, value in _checked(model, raw, where).model_dump().items() if value is not None}
+    return {key: value for key, value in checked(model, raw, where).model_dump().items() if value is not None}
 
 
 # What would be right, by the type of a complaint.
@@ -191,25 +192,40 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _checked(model: type[Model], raw: Mapping[str, Any], where: str) -> Model:
+def checked(model: type[Model], raw: Mapping[str, Any], where: str, missing: str = "give it, or a preset that does") -> Model:
     """Validate, and turn the first complaint into one line that names key, value and what would be right."""
     try:
         return model.model_validate(dict(raw))
     except ValidationError as error:
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")  # a misspelt key explains a missing one
-        raise _complaint(first, model, where) from error
+        raise _complaint(first, model, where, missing) from error
 
 
-def _complaint(error: ErrorDetails, model: type[BaseModel], where: str) -> InputError:
+def _model_at(model: type[BaseModel], path: tuple[int | str, ...]) -> type[BaseModel]:
+    """Return the model of the table at a path of keys."""
+    for part in path:
+        field = model.model_fields.get(str(part))
+        if field is not None:
+            model = next(iter(_models_in(field.annotation)), model)
+    return model
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models that a type is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for part in get_args(annotation) for found in _models_in(part)]
+
+
+def _complaint(error: ErrorDetails, model: type[BaseModel], where: str, missing: str) -> InputError:
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).removeprefix(".")
-    separator = ": " if model is Top else "."
+    separator = ": " if getattr(model, "outermost", False) else "."
     if error["type"] == "extra_forbidden":
         table, _, last = key.rpartition(".")
-        tables: dict[str, type[BaseModel]] = {"process": Process, "points": Point}
-        known = tables.get(table.partition(".")[0], model).model_fields
         place = f"{where}{separator}{table}" if table else where
+        known = _model_at(model, error["loc"][:-1]).model_fields
         return InputError(place, f"unknown key '{last}' ({shown(error['input'])})", suggestion(last, known))
     if error["type"] == "missing":
-        return InputError(where, f"has no '{key}'", MISSING.get(key, "give it, or a preset that does"))
+        return InputError(where, f"has no '{key}'", MISSING.get(key, missing))
     right = RIGHT.get(error["type"], error["msg"]).format(**error.get("ctx", {}))
     return InputError(f"{where}{separator}{key}", shown(error["input"]), right)

@@ -14,7 +14,8 @@ from leadline.core.attitude import exponential, matrix_from_quaternion
 from leadline.core.geodesy import geodetic_from_ecef, rotation_en
 from leadline.data.errors import InputError
 from leadline.data.log import Datum, Initial, Log, Origin
-from leadline.simulate.instruments import AcousticRange, beacon_position_e, displaced
+from leadline.simulate.acoustics import Acoustic, beacon_position_e
+from leadline.simulate.positions import displaced
 from leadline.simulate.trajectory import euler
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class Recorder:
         """All beacons, where they truly are; raises InputError where two instruments disagree."""
         found: dict[str, Beacon] = {}
         for name, instrument in self.instruments.items():
-            for label, beacon in instrument.beacons.items() if isinstance(instrument, AcousticRange) else ():
+            for label, beacon in instrument.beacons.items() if isinstance(instrument, Acoustic) else ():
                 if found.setdefault(label, beacon) != beacon:
                     raise InputError(name, f"beacon '{label}' is elsewhere than that of another instrument", "give it one place")
         return found

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from leadline.core.geodesy import EARTH_RATE, ecef_from_geodetic, geodetic_from_ecef, rotation_en
+from leadline.core.geodesy import EARTH_RATE, ecef_from_geodetic, geodetic_from_ecef, north_east, rotation_en
 from leadline.data.records import Truth
+from leadline.sea.water import CALM, Water
 from leadline.simulate.gravity import gravity
 from leadline.simulate.vectors import cross, turned, turned_back
 
@@ -46,12 +47,16 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class Place:
-    """Where a trajectory starts: latitude, longitude (rad), depth (m) under a sea surface `surface_height` (m) above the ellipsoid."""
+    """Where the frame t lies: latitude, longitude (rad), depth (m) under a mean sea surface `surface_height` (m) above the ellipsoid.
+
+    water: how the sea moves there; its tide lifts the surface from which depths count.
+    """
 
     latitude: float
     longitude: float
     depth: float = 0.0
     surface_height: float = 0.0
+    water: Water = CALM
 
     @cached_property
     def position_e(self) -> Array:
@@ -118,8 +123,24 @@ class Kinematics:
 
     @property
     def depth(self) -> Array:
-        """Depth below the sea surface (m)."""
+        """Depth below the sea surface of that moment, without its waves (m)."""
+        return np.asarray(self.chart_depth + self.place.water.level(self.time))
+
+    @property
+    def chart_depth(self) -> Array:
+        """Depth below the mean sea surface (m), from which the depths of a chart count."""
         return np.asarray(self.place.surface_height - self.geodetic[2])
+
+    @cached_property
+    def north_east(self) -> tuple[Array, Array]:
+        """Metres north and east of the place, along meridian and parallel."""
+        return north_east(*self.geodetic[:2], self.place.latitude, self.place.longitude)
+
+    @property
+    def water_velocity_n(self) -> Array:
+        """Velocity of the water at the point, north, east, down (m/s)."""
+        north, east = self.north_east
+        return self.place.water.velocity_n(self.time, north, east, self.chart_depth)
 
     @property
     def rotation_nb(self) -> Array:
