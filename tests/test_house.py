@@ -92,6 +92,7 @@ BORDER = {
     "data/vehicle_template.py": "keys of the vehicle file",
     "data/presets.toml": "keys of the vehicle file",
     "missions/mission_keys.py": "keys of the mission file",
+    "missions/fault_kinds.py": "keys of the mission file",
     "calibrate/dvl.py": "writes a fragment of a vehicle file",
     "data/inspection.py": "says ranges in the unit of the file, by UNITS",
     "sea/magnetic.py": "what the World Magnetic Model takes and gives",

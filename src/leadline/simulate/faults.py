@@ -1,7 +1,8 @@
 """What goes wrong at sea: faults as values that turn the log of a healthy vehicle into that of a troubled one.
 
 `apply(log, generator)` makes new tables and leaves the caller's alone; what is drawn comes from the generator only, so that a seed and a
-fault make one log.  `troubled` applies several, each from a stream of its own.
+fault make one log.  `troubled` applies several, each from a stream of its own.  Here stand the faults of rows: that they are lost, late,
+empty, twice, stamped wrongly; faults of what is measured are in faults_of_values.py, those of sound in faults_of_echoes.py.
 """
 
 from __future__ import annotations
@@ -140,9 +141,13 @@ class WildFixes(OfSome):
         wild = self.chosen(table, generator)
         size, bearing = generator.uniform(self.low, self.high, len(table)) * wild, generator.uniform(0.0, 2 * np.pi, len(table))
         error = np.stack([size * np.cos(bearing), size * np.sin(bearing), 0.0 * size], axis=1)
-        before = table.extra.get("outlier")
-        marked = wild.astype(float) if before is None else np.maximum(wild, cast("Array", before))
-        return replace(table, **moved(table, error), extra={**table.extra, "outlier": marked})
+        return replace(table, **moved(table, error), extra=marked(table, wild))
+
+
+def marked(table: Table, wrong: Flags) -> dict[str, Any]:
+    """Return the further columns of a table with `outlier` set for the rows that are wrong, beside those that it marks already."""
+    before = table.extra.get("outlier")
+    return {**table.extra, "outlier": wrong.astype(float) if before is None else np.maximum(wrong, cast("Array", before))}
 
 
 def moved(table: records.PositionFix | records.Gnss, error: Array) -> dict[str, Any]:
@@ -239,19 +244,23 @@ class BeamsFailing(OfSensor):
 
 @dataclass(frozen=True, kw_only=True)
 class CompassSwinging(OfSpan):
-    """A heading that swings to and fro: + amplitude sin(2 pi (t - begin) / period), rad, while the fault lasts."""
+    """A heading that is off and swings to and fro: + step + amplitude sin(2 pi (t - begin) / period), rad, while the fault lasts."""
 
-    amplitude: float
-    period: float
+    amplitude: float = 0.0
+    period: float = 60.0
+    step: float = 0.0
 
     def changed(self, table: Table, generator: Generator) -> Table:  # noqa: ARG002  (draws nothing)
         """Return the table with headings off."""
         if not isinstance(table, records.Heading | records.Attitude) or table.heading is None:
             raise self.refused(f"its table is of kind {table.kind}", "a sensor with headings")
-        if not np.isfinite(self.begin):
+        if self.amplitude and not np.isfinite(self.begin):
             raise self.refused("swings since ever", "give begin")
+        if not (self.period > 0.0 and np.isfinite(self.step)):
+            raise self.refused(f"steps by {self.step} rad and swings in {self.period} s", "a finite step, and a period above 0")
         rows = self.inside(table.time)
-        swing = self.amplitude * np.sin(2 * np.pi / self.period * (table.time[rows] - self.begin))
+        since = table.time[rows] - self.begin if self.amplitude else np.zeros(np.count_nonzero(rows))
+        swing = self.step + self.amplitude * np.sin(2 * np.pi / self.period * since)
         heading = np.array(table.heading)
         heading[rows] = (heading[rows] + swing) % (2 * np.pi)
         return replace(table, heading=heading)
