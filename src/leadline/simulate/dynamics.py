@@ -33,6 +33,7 @@ from leadline.simulate.hull import (
     GRAVITY_AT,
     HEIGHT,
     INVERSE,
+    LENGTH,
     LINEAR,
     MASS,
     QUADRATIC,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 NU, ACTUATORS = 7, 13  # places in the state
 STILL: Array = np.zeros(1)  # water that does not move
+STRIPS = 5  # that a hull is cut into where it can emerge
 STEP = 0.02  # s: the step that is taken unless another is asked for
 
 
@@ -108,19 +110,30 @@ def push(dx, force, arm):
 
 @kernel()
 def weigh(x, c, down_b, water_b, raised, hull, site, dx):
-    """Add weight, and buoyancy in water that accelerates by water_b; it falls linearly as the hull emerges from a surface raised (m)."""
+    """Add weight, and buoyancy in water that accelerates by water_b.
+
+    Buoyancy is spread over strips along the hull; that of each falls linearly as it emerges from a surface raised (m), so that a hull that
+    comes up nose first is righted.
+    """
     g, density = site[3], site[4]
     centre = hull[BUOYANCY_AT], hull[BUOYANCY_AT + 1], hull[BUOYANCY_AT + 2]
-    at = turn(c, centre)
-    depth = depth_of(x[0] + at[0], x[1] + at[1], x[2] + at[2], site) + raised
-    wet = density * hull[VOLUME] * min(max(depth / hull[HEIGHT] + 0.5, 0.0), 1.0)
-    carried = wet + hull[ENCLOSED]
     weight = hull[MASS] * g
     heavy = weight * down_b[0], weight * down_b[1], weight * down_b[2]
-    light = (carried * water_b[0] - wet * g * down_b[0], carried * water_b[1] - wet * g * down_b[1],
-             carried * water_b[2] - wet * g * down_b[2])  # fmt: skip
     push(dx, heavy, cross((hull[GRAVITY_AT], hull[GRAVITY_AT + 1], hull[GRAVITY_AT + 2]), heavy))
-    push(dx, light, cross(centre, light))
+    at = turn(c, centre)
+    depth = depth_of(x[0] + at[0], x[1] + at[1], x[2] + at[2], site) + raised
+    deep = depth > 0.5 * (hull[LENGTH] + hull[HEIGHT])
+    strips = 1 if deep else STRIPS
+    for k in range(strips):
+        place = centre if deep else (centre[0] + hull[LENGTH] * ((k + 0.5) / strips - 0.5), centre[1], centre[2])
+        if not deep:
+            at = turn(c, place)
+            depth = depth_of(x[0] + at[0], x[1] + at[1], x[2] + at[2], site) + raised
+        wet = density * hull[VOLUME] / strips * min(max(depth / hull[HEIGHT] + 0.5, 0.0), 1.0)
+        carried = wet + hull[ENCLOSED] / strips
+        light = (carried * water_b[0] - wet * g * down_b[0], carried * water_b[1] - wet * g * down_b[1],
+                 carried * water_b[2] - wet * g * down_b[2])  # fmt: skip
+        push(dx, light, cross(place, light))
 
 
 @kernel()

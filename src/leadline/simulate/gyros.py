@@ -11,8 +11,9 @@ from leadline.data import records
 from leadline.data.errors import InputError
 from leadline.simulate.dense import Dense
 from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.first_order import lagging
 from leadline.simulate.inertial_kernels import means_of
-from leadline.simulate.instrument import ZERO, Instrument, Vector
+from leadline.simulate.instrument import ZERO, Digital, Instrument, Vector, digits
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -42,11 +43,59 @@ def means(trajectory: Trajectory, start: Array, end: Array, lever_arm_b: Vector 
 
 
 @dataclass(frozen=True, kw_only=True)
+class Triad:
+    """Three axes that are not quite equal nor quite square, and what they show: z = (I + M) true, within +-limit, in whole quanta.
+
+    M has `scale` on its diagonal, each off by N(0, sigma_scale), and N(0, sigma_misalignment) (rad) in its six other places, drawn at
+    turn-on: those of an axis are the angles by which it leans towards the two others.  `quantum` and `limit` in the unit of a rate (rad/s)
+    or a specific force (m/s^2).  An increment consists of whole quanta / rate, and what is left over goes into the next: quantisation
+    noise, of Allan deviation quantum / (2 rate T) at averaging times T.
+    """
+
+    scale: Vector = ZERO
+    sigma_scale: float = 0.0
+    sigma_misalignment: float = 0.0
+    quantum: float = 0.0
+    limit: float = np.inf
+
+    @property
+    def bent(self) -> bool:
+        """Whether M is not zero."""
+        return any(self.scale) or self.sigma_scale > 0 or self.sigma_misalignment > 0
+
+    def matrix(self, generator: Generator) -> Array:
+        """Return I + M (3, 3) of one turn-on."""
+        normal = generator.standard_normal((3, 3))
+        sigma = np.where(np.eye(3, dtype=bool), self.sigma_scale, self.sigma_misalignment)
+        return np.asarray(np.eye(3) + np.diag(self.scale) + sigma * normal)
+
+    def shown(self, value: Array) -> Array:
+        """Return rates or specific forces as they are shown."""
+        return digits(value, self.quantum, self.limit) if self.quantum or self.limit < np.inf else value
+
+    def counted(self, increment: Array, span: Array, rate: float) -> Array:
+        """Return increments (rows, 3) over spans (rows, 1) (s) as they are shown, by an instrument of a rate (Hz)."""
+        if self.limit < np.inf:
+            increment = np.clip(increment, -self.limit * span, self.limit * span)
+        if not self.quantum:
+            return increment
+        whole = np.round(np.cumsum(increment, axis=0) * (rate / self.quantum))
+        return np.asarray(np.diff(whole, axis=0, prepend=0.0) * (self.quantum / rate))
+
+
+EVEN = Triad()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Imu(Instrument[records.Imu]):
     """Specific force and rate against inertial space at the IMU's point: `sample` is "mean", "instant" or "increment".
 
     The first interval reaches back by 1 / rate.  An increment is the integral in turning body axes, not a rotation vector.
-    White noise by density (rad/s/sqrt(Hz), m/s^2/sqrt(Hz)): sigma = density / sqrt(interval).
+    White noise by density (rad/s/sqrt(Hz), m/s^2/sqrt(Hz)): sigma = density / sqrt(interval).  Bias instability and rate random walk are
+    the `flicker` and the `walk` of the biases.
+    What is shown:  gyro = T_g ((I + M_g) w + G f + bias + noise),  accel = T_a ((I + M_a) f + bias + noise),
+    with M, limits and quanta T of `gyro_axes` and `accel_axes`, and G (3, 3), rad/s per m/s^2, whose elements are `g_sensitivity` on
+    the diagonal, and off by N(0, sigma_g_sensitivity) everywhere, drawn at turn-on.
     """
 
     sample: str = "mean"
@@ -54,6 +103,10 @@ class Imu(Instrument[records.Imu]):
     accel_density: float = 0.0
     gyro_bias: Drift = STEADY
     accel_bias: Drift = STEADY
+    gyro_axes: Triad = EVEN
+    accel_axes: Triad = EVEN
+    g_sensitivity: float = 0.0
+    sigma_g_sensitivity: float = 0.0
 
     def intervals(self, time: Array) -> Array:
         """Return the length (s) of the interval that each row covers."""
@@ -72,34 +125,52 @@ class Imu(Instrument[records.Imu]):
         return records.Imu(time=time, gyro=gyro, accel=accel, sample=self.sample)
 
     def noisy(self, table: records.Imu, generator: Generator) -> records.Imu:
-        """Add biases and white noise."""
+        """Add what is bent, biases and white noise; show that in digits."""
         span = self.intervals(table.time)[:, None]
         shape = (len(table), 3)
         gyro = self.gyro_bias.draw(table.time, 3, generator) + self.gyro_density / np.sqrt(span) * generator.standard_normal(shape)
         accel = self.accel_bias.draw(table.time, 3, generator) + self.accel_density / np.sqrt(span) * generator.standard_normal(shape)
         if table.delta_angle is not None and table.delta_velocity is not None:
-            return replace(table, delta_angle=table.delta_angle + gyro * span, delta_velocity=table.delta_velocity + accel * span)
-        return replace(table, gyro=cast("Array", table.gyro) + gyro, accel=cast("Array", table.accel) + accel)
+            angle, velocity = self.bent(table.delta_angle, table.delta_velocity, generator)
+            angle, velocity = angle + gyro * span, velocity + accel * span
+            angle, velocity = (a.counted(v, span, self.rate) for a, v in ((self.gyro_axes, angle), (self.accel_axes, velocity)))
+            return replace(table, delta_angle=angle, delta_velocity=velocity)
+        rate, force = self.bent(cast("Array", table.gyro), cast("Array", table.accel), generator)
+        return replace(table, gyro=self.gyro_axes.shown(rate + gyro), accel=self.accel_axes.shown(force + accel))
+
+    def bent(self, gyro: Array, accel: Array, generator: Generator) -> tuple[Array, Array]:
+        """Return rates and specific forces, or their increments, as bent axes feel them."""
+        if not (self.gyro_axes.bent or self.accel_axes.bent or self.g_sensitivity or self.sigma_g_sensitivity):
+            return gyro, accel
+        own, other, coupling = generator.spawn(3)
+        felt = self.g_sensitivity * np.eye(3) + self.sigma_g_sensitivity * coupling.standard_normal((3, 3))
+        return gyro @ self.gyro_axes.matrix(own).T + accel @ felt.T, accel @ self.accel_axes.matrix(other).T
 
 
 @dataclass(frozen=True, kw_only=True)
-class YawRate(Instrument[records.YawRate]):
+class YawRate(Digital[records.YawRate]):
     """Rate about the sensor's z axis (rad/s): against inertial space, or with `earth_removed` against the Earth; (1 + scale) times it.
 
-    `sigma` is white noise of one reading (rad/s).
+    It follows with a lag (s), lag z' = rate - z, settled at the start.  `sigma` is white noise of one reading (rad/s).
     """
 
+    measured = ("yaw_rate",)
     earth_removed: bool = False
+    lag: float = 0.0
     scale: float = 0.0
     sigma_scale: float = 0.0
     sigma: float = 0.0
     bias: Drift = STEADY
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.YawRate:
-        """Return true rates at the moments themselves."""
-        state = trajectory.at(time)
-        rate = state.rate_eb_b if self.earth_removed else state.rate_ib_b
-        return records.YawRate(time=time, yaw_rate=rate @ self.rotation_bs[:, 2])
+        """Return true rates at the moments themselves, less the lag."""
+
+        def felt(moments: Array) -> Array:
+            state = trajectory.at(moments)
+            rate = state.rate_eb_b if self.earth_removed else state.rate_ib_b
+            return np.asarray(rate @ self.rotation_bs[:, 2])[:, None]
+
+        return records.YawRate(time=time, yaw_rate=lagging(time, felt, self.lag)[:, 0])
 
     def noisy(self, table: records.YawRate, generator: Generator) -> records.YawRate:
         """Add scale, bias and white noise."""

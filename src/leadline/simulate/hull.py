@@ -33,15 +33,16 @@ ENCLOSED = 2  #     kg of water that moves along
 GRAVITY_AT = 3  #   3, m: centre of gravity
 BUOYANCY_AT = 6  #  3, m: centre of buoyancy
 HEIGHT = 9  #       m over which buoyancy is lost as the hull emerges
-THRUSTERS = 10  #   how many thrusters
-FINS = 11  #        how many fins
-TERMS = 12  #       how many terms
-RIGID = 13  #       6 x 6, M_RB
-ADDED = 49  #       6 x 6, M_A
-INVERSE = 85  #     6 x 6, (M_RB + M_A)^-1
-LINEAR = 121  #     6 x 6, linear damping
-QUADRATIC = 157  #  6, quadratic damping of each velocity by itself
-ROWS_AT = 163  #    thrusters, fins, terms, one after the other
+LENGTH = 10  #      m over which buoyancy is spread along the hull
+THRUSTERS = 11  #   how many thrusters
+FINS = 12  #        how many fins
+TERMS = 13  #       how many terms
+RIGID = 14  #       6 x 6, M_RB
+ADDED = 50  #       6 x 6, M_A
+INVERSE = 86  #     6 x 6, (M_RB + M_A)^-1
+LINEAR = 122  #     6 x 6, linear damping
+QUADRATIC = 158  #  6, quadratic damping of each velocity by itself
+ROWS_AT = 164  #    thrusters, fins, terms, one after the other
 THRUSTER_ROW = 17  # position 3, direction 3, position x direction 3, ahead, astern, decay, torque, 1 / lag, dead band, max, max rate
 FIN_ROW = 13  #      position 3, axis 3, position x axis 3, lift, 1 / lag, max, max rate
 TERM_ROW = 5  #      force, first velocity, second velocity, 1.0: first without its sign, coefficient
@@ -182,7 +183,7 @@ class Hull:
     @cached_property
     def parameters(self) -> Array:
         """All that the kernels read, as one flat array."""
-        head = [self.mass, self.volume, self.enclosed, *self.gravity_centre_b, *self.buoyancy_centre_b, self.height]
+        head = [self.mass, self.volume, self.enclosed, *self.gravity_centre_b, *self.buoyancy_centre_b, self.height, self.length]
         counts = [len(self.thrusters), len(self.fins), len(self.terms)]
         inverse = np.linalg.inv(self.rigid_mass + self.added_mass)
         matrices = [m.ravel() for m in (self.rigid_mass, self.added_mass, inverse, self.linear_damping, self.quadratic_damping)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from leadline.simulate.trajectory import Trajectory
 
 Vector: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 Flags: TypeAlias = npt.NDArray[np.bool_]
 T = TypeVar("T", bound=records.Table)
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -39,6 +40,8 @@ class Instrument(ABC, Generic[T]):
 
     It samples at offset + k / rate up to `stop` (s), shifted by N(0, jitter) but less than 0.4 / rate; `time` is the true moment.
     Rows arrive at time + latency + |N(0, latency_jitter)|; a fraction `loss` of them never does.
+    The clock of the device is `stamp_offset` (s) + `stamp_drift` (s/s) t ahead and stamps with N(0, `stamp_jitter`); the moment of
+    arrival is that of the vehicle's computer, whose clock is right.
     The reference point lies at `lever_arm_b` (m) from the body origin; `mounting_bs` holds roll, pitch and heading (rad) of the
     sensor axes against the body: v_b = R_bs v_s.
     """
@@ -50,6 +53,9 @@ class Instrument(ABC, Generic[T]):
     latency: float = 0.0
     latency_jitter: float = 0.0
     loss: float = 0.0
+    stamp_offset: float = 0.0
+    stamp_drift: float = 0.0
+    stamp_jitter: float = 0.0
     lever_arm_b: Vector = ZERO
     mounting_bs: Vector = ZERO
 
@@ -81,8 +87,53 @@ class Instrument(ABC, Generic[T]):
     def record(self, ideal: T, generator: Generator) -> T:
         """Return the table with errors, as it arrives."""
         errors, delivery = generator.spawn(2)
-        table = self.noisy(ideal, errors)
+        table = self.shown(self.noisy(ideal, errors))
         if self.latency or self.latency_jitter:
             late = self.latency + np.abs(self.latency_jitter * delivery.standard_normal(len(table)))
             table = replace(table, received=table.time + late)
-        return cast("T", table.select(delivery.random(len(table)) >= self.loss)) if self.loss else table
+        kept = delivery.random(len(table)) >= self.loss if self.loss else None
+        table = self.stamped(table, generator)
+        return table if kept is None else cast("T", table.select(kept))
+
+    def shown(self, table: T) -> T:
+        """Return what the device shows of what it measured: by default all of it."""
+        return table
+
+    def stamped(self, table: T, generator: Generator) -> T:
+        """Return the table with the stamps of the device's clock; what is not late is received at the true moment."""
+        if not (self.stamp_offset or self.stamp_drift or self.stamp_jitter):
+            return table
+        white = generator.spawn(1)[0].standard_normal(len(table))
+        stamp = table.time + self.stamp_offset + self.stamp_drift * table.time + self.stamp_jitter * white
+        return replace(table, time=stamp, device_time=stamp, received=table.time if table.received is None else table.received)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Digital(Instrument[T]):
+    """An instrument that shows whole multiples of `quantum`, and nothing beyond `limit`, both in the unit of what it measures.
+
+    Beyond its limit an instrument sticks at +-limit, or, one that listens for something (`silent`), shows nothing: nan.
+    """
+
+    measured: ClassVar[tuple[str, ...]] = ()  # columns that are
+    silent: ClassVar[bool] = False
+    quantum: float = 0.0
+    limit: float = np.inf
+
+    def shown(self, table: T) -> T:
+        """Return what the device shows of what it measured."""
+        if not self.quantum and self.limit == np.inf:
+            return table
+        there = (name for name in self.measured if getattr(table, name) is not None)
+        columns: dict[str, Any] = {name: self.digits(getattr(table, name)) for name in there}
+        return replace(table, **columns)
+
+    def digits(self, value: Array) -> Array:
+        """Return values within the limit, in whole quanta."""
+        return digits(value, self.quantum, self.limit, silent=self.silent)
+
+
+def digits(value: Array, quantum: float, limit: float, *, silent: bool = False) -> Array:
+    """Return values in whole multiples of `quantum` (0: as they are) within +-limit: held there, or if `silent` nan beyond."""
+    within = np.where(np.abs(value) <= limit, value, np.nan) if silent else np.clip(value, -limit, limit)
+    return np.asarray(quantum * np.round(within / quantum) if quantum else within)

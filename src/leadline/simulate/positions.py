@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -11,13 +12,14 @@ from leadline.core.geodesy import ecef_from_geodetic, geodetic_from_ecef, north_
 from leadline.data import records
 from leadline.simulate.drift import STEADY, Drift
 from leadline.simulate.instrument import ZERO, Instrument, Vector
+from leadline.simulate.reception import Fixes, Reception
 from leadline.simulate.trajectory import euler
 from leadline.simulate.vectors import turned
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
-    from leadline.data.records import Array
+    from leadline.data.records import Array, Text
     from leadline.simulate.trajectory import Trajectory
 
 
@@ -30,12 +32,18 @@ def displaced(latitude: Array, longitude: Array, height: Array, error_n: Array) 
 
 @dataclass(frozen=True, kw_only=True)
 class Gnss(Instrument[records.Gnss]):
-    """Position of the antenna, while it is not deeper than `max_depth` (m); velocity where `sigma_velocity` is not None."""
+    """Position of the antenna, while it is not deeper than `max_depth` (m); velocity where `sigma_velocity` is not None.
+
+    With a `reception` rows say what kind of fix they are, how many satellites and which dilution of precision they have, and `sigmas`
+    gives sigmas (m) by kind; `sigma` holds for the others.  A row without a fix is there: fix_type none, valid = 0, nan.
+    """
 
     sigma: Vector = ZERO  # north, east, down
     drift: Drift = STEADY
     sigma_velocity: float | None = None
     max_depth: float = np.inf
+    reception: Reception | None = None
+    sigmas: Mapping[str, Vector] = field(default_factory=dict)
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Gnss:
         """Return true positions of the antenna."""
@@ -46,15 +54,35 @@ class Gnss(Instrument[records.Gnss]):
         return records.Gnss(time=state.time, latitude=latitude, longitude=longitude, height=height, velocity=velocity)
 
     def noisy(self, table: records.Gnss, generator: Generator) -> records.Gnss:
-        """Add errors north, east and down."""
+        """Add errors north, east and down, by the kind of fix where it has one."""
         shape = (len(table), 3)
-        error = self.drift.draw(table.time, 3, generator) + np.asarray(self.sigma) * generator.standard_normal(shape)
+        fixes = None
+        if self.reception is not None:
+            fixes = self.reception.fixes(table.time, self.offset, 1 / self.rate, generator.spawn(1)[0])
+        sigma = np.asarray(self.sigma) if fixes is None else self.sigma_by_row(fixes.fix_type)
+        error = self.drift.draw(table.time, 3, generator) + sigma * generator.standard_normal(shape)
         latitude, longitude, height = displaced(table.latitude, table.longitude, cast("Array", table.height), error)
         velocity = table.velocity
         if velocity is not None:
             velocity = velocity + (self.sigma_velocity or 0.0) * generator.standard_normal(shape)
-        stated = np.tile(self.sigma, (len(table), 1)) if min(self.sigma) > 0 else None
-        return replace(table, latitude=latitude, longitude=longitude, height=height, velocity=velocity, sigma_axes=stated)
+        stated = np.broadcast_to(sigma, shape) if sigma.size and np.min(sigma) > 0 else None
+        found = replace(table, latitude=latitude, longitude=longitude, height=height, velocity=velocity, sigma_axes=stated)
+        return found if fixes is None else without_fix(found, fixes)
+
+    def sigma_by_row(self, fix_type: Text) -> Array:
+        """Return sigmas (rows, 3) north, east and down (m) of kinds of fix."""
+        kinds, place = np.unique(fix_type, return_inverse=True)
+        return np.array([self.sigmas.get(str(kind), self.sigma) for kind in kinds], float).reshape(-1, 3)[place]
+
+
+def without_fix(table: records.Gnss, fixes: Fixes) -> records.Gnss:
+    """Return a table that says what kind of fix each row is, with nothing measured where there is none."""
+    none = fixes.fix_type == "none"
+    columns = {name: getattr(table, name) for name in ("latitude", "longitude", "height", "velocity", "sigma_axes")}
+    blank: dict[str, Any] = {
+        name: np.where(none.reshape(-1, *[1] * (value.ndim - 1)), np.nan, value) for name, value in columns.items() if value is not None
+    }
+    return replace(table, **blank, valid=(~none).astype(float), **fixes._asdict())
 
 
 @dataclass(frozen=True, kw_only=True)

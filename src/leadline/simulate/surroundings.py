@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from leadline.sea.water import CALM
 from leadline.simulate.drift import STEADY, Drift
+from leadline.simulate.vectors import turned_back
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
     from leadline.data.records import Array
+    from leadline.simulate.trajectory import Kinematics
 
 STEP = 0.1  # s between the moments at which what wanders is drawn; in between it is straight, and so too smooth: short against a ping
 
@@ -44,3 +47,15 @@ class Surrounding:
 
 
 STILL = Surrounding("water.current", (0.0, 0.0))
+
+
+def current_n(where: Kinematics, current: Surrounding | None) -> Array:
+    """Return the velocity (times, 3) of the water at a point, north, east, down (m/s): that of the mission's sea and of a surrounding."""
+    rows = len(where.time)
+    flow = np.column_stack([np.zeros((rows, 2)) if current is None else current.at(where.time), np.zeros(rows)])
+    return flow if where.place.water is CALM else flow + where.water_velocity_n
+
+
+def through_water(state: Kinematics, current: Surrounding | None, where: Kinematics | None = None) -> Array:
+    """Return the velocity (times, 3) of a point through the water, body axes: over ground less that of the water there, or elsewhere."""
+    return state.velocity_b - turned_back(state.rotation_nb, current_n(state if where is None else where, current))
