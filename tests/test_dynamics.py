@@ -87,6 +87,11 @@ def lag_rates(hull: Hull, x: Array, command: Array) -> Array:
     return np.array(rates)
 
 
+def strips(hull: Hull) -> list[Array]:
+    """Middles of five equal parts of the hull's length, about the centre of buoyancy."""
+    return [hull.buoyancy_centre_b + [hull.length * share, 0.0, 0.0] for share in (-0.4, -0.2, 0.0, 0.2, 0.4)]
+
+
 def twin(time: float, x: Array, command: Array, hull: Hull, site: Array, water: Array) -> Array:
     """Return the derivative of the state by matrices."""
     rotation = Rotation.from_quat(x[3:7], scalar_first=True).as_matrix() * (x[3:7] @ x[3:7])
@@ -97,11 +102,12 @@ def twin(time: float, x: Array, command: Array, hull: Hull, site: Array, water: 
     change = np.r_[pull - np.cross(nu[3:], stream), 0, 0, 0]
     own, added = rigid(hull), hull.added_mass
     down = rotation.T @ (np.array([-x[0] / site[1], -x[1] / site[2], 1.0]) / np.linalg.norm([x[0] / site[1], x[1] / site[2], 1.0]))
-    at = x[:3] + rotation @ hull.buoyancy_centre_b
-    deep = site[0] + at[2] - at[0] ** 2 / (2 * site[1]) - at[1] ** 2 / (2 * site[2]) + elevation(time, x[0], x[1], water)
-    wet = site[4] * hull.volume * np.clip(0.5 + deep / hull.height, 0, 1)
     hydrostatic = wrench(hull.gravity_centre_b, hull.mass * site[3] * down)
-    hydrostatic += wrench(hull.buoyancy_centre_b, (wet + hull.enclosed) * pull - wet * site[3] * down)
+    for strip in strips(hull):
+        at = x[:3] + rotation @ strip
+        deep = site[0] + at[2] - at[0] ** 2 / (2 * site[1]) - at[1] ** 2 / (2 * site[2]) + elevation(time, x[0], x[1], water)
+        wet = site[4] * hull.volume / 5 * np.clip(0.5 + deep / hull.height, 0, 1)
+        hydrostatic += wrench(strip, (wet + hull.enclosed / 5) * pull - wet * site[3] * down)
     lift = np.zeros(6)
     for term in hull.terms:
         lift[term.force] += term.coefficient * (abs(nu_r[term.first]) if term.bare else nu_r[term.first]) * nu_r[term.second]
@@ -207,12 +213,27 @@ def energy(hull: Hull, x: Array, site: Array) -> float:
     """Kinetic energy with added mass, and potential of weight and buoyancy (of a hull that may emerge), flat site."""
     rotation = Rotation.from_quat(x[3:7], scalar_first=True).as_matrix()
     heavy = site[0] + x[2] + (rotation @ hull.gravity_centre_b)[2]
-    deep = site[0] + x[2] + (rotation @ hull.buoyancy_centre_b)[2]
-    half = 0.5 * hull.height
-    carried = deep if deep > half else (deep + half) ** 2 / (4 * half) if deep > -half else 0.0
+    half, carried = 0.5 * hull.height, 0.0
+    for strip in strips(hull):
+        deep = site[0] + x[2] + (rotation @ strip)[2]
+        carried += (deep if deep > half else (deep + half) ** 2 / (4 * half) if deep > -half else 0.0) / 5
     return float(
         0.5 * x[7:13] @ (rigid(hull) + hull.added_mass) @ x[7:13] - hull.mass * site[3] * heavy + site[4] * hull.volume * site[3] * carried
     )
+
+
+@each_hull
+def test_a_hull_at_the_surface_is_righted(hull: Hull) -> None:
+    """Held half out of the water with its nose up, it is turned down: the strips of the nose carry less than those of the tail."""
+    for pitch in (0.3, -0.3):
+        x = at_rest(hull, quaternion_tb=np.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]))
+        deep = np.array([x[0], x[1], 40.0])
+        site = np.array([0.0, 1e30, 1e30, 9.81, 1025.0])
+        here, below = (
+            ((rigid(hull) + hull.added_mass) @ accelerations(0.0, y, np.zeros(hull.states - 13), hull, site))[4]
+            for y in (x, np.r_[deep, x[3:]])
+        )
+        assert np.sign(here - below) == -np.sign(pitch)
 
 
 @each_hull
