@@ -44,6 +44,7 @@ class Sensor(Keys):
     repeats: Literal["new", "held"] = "new"
     rate_hz: Positive | None = None
     nuisance: dict[str, Any] = {}
+    simulated: dict[str, Any] = {}  # what a simulator adds; no filter reads it
 
 
 COMMON = frozenset(Sensor.model_fields) - {"rate_hz"}

@@ -15,7 +15,7 @@ from leadline.data.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-WRITTEN = frozenset({".csv", ".html", ".json", ".parquet", ".toml"})  # what Leadline writes into its folders
+WRITTEN = frozenset({".asc", ".csv", ".html", ".json", ".parquet", ".toml"})  # what Leadline writes into its folders
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from leadline.formats.atomic import new_folder
 from leadline.formats.table import check_names, file_columns, inside, outside, read_table, write_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from leadline.data.records import Table
 
@@ -67,8 +67,8 @@ def read_log(path: str | Path) -> Log:
     )
 
 
-def write_log(log: Log, path: str | Path, *, parquet: bool = False) -> None:
-    """Write a log as a folder: whole or not at all.
+def write_log(log: Log, path: str | Path, *, parquet: bool = False, beside: Callable[[Path], None] | None = None) -> None:
+    """Write a log as a folder: whole or not at all; `beside` is called with the folder, to write what else belongs there.
 
     Raises InputError where a name is none that `read_log` takes, or the place is taken by something that is not a log.
     """
@@ -81,6 +81,8 @@ def write_log(log: Log, path: str | Path, *, parquet: bool = False) -> None:
         for name, table in log.tables.items():
             write_table(table, folder / f"{name}.{'parquet' if parquet else 'csv'}")
         (folder / MANIFEST).write_text("\n".join(_lines(log)) + "\n", "utf-8")
+        if beside is not None:
+            beside(folder)
 
 
 def _manifest(where: Path) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from leadline.core.attitude import euler_from_quaternion, exponential, matrix_fr
 from leadline.data.errors import InputError
 from leadline.data.vehicle import Prior
 from leadline.simulate import instruments as simulated
-from leadline.simulate.instruments import Drift, Surrounding
+from leadline.simulate.instruments import STILL, Drift, Surrounding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from datetime import datetime
 
     from numpy.random import Generator
 
@@ -33,15 +34,16 @@ NOTHING = Prior(np.zeros(1), np.zeros(1))
 
 
 def instruments_of(
-    vehicle: Vehicle, rates: Mapping[str, float] | None = None, beacons: Beacons | None = None
+    vehicle: Vehicle, rates: Mapping[str, float] | None = None, beacons: Beacons | None = None, sea: datetime | None = None
 ) -> dict[str, simulated.Instrument[Any]]:
     """Return by name the simulated instruments that match a vehicle, for the kinds that the simulator can make.
 
     rates: Hz by sensor, before the `rate_hz` of the vehicle file; to change anything else, `dataclasses.replace` an instrument.
-    beacons: those that acoustic ranges are taken to, where they truly are.  Raises InputError for a sensor without a rate, and for
-    a prior that the simulator cannot draw from.
+    beacons: those that acoustic ranges are taken to, where they truly are.  sea: the date, where the trajectory has a sea of its own, whose
+    water and magnetic field are looked at; else current and sea bed are drawn from the priors of the vehicle file.  Raises InputError for a
+    sensor without a rate, and for a prior that the simulator cannot draw from.
     """
-    given, around = rates or {}, Around(beacons or {}, vehicle.shared)
+    given, around = rates or {}, Around(beacons or {}, vehicle.shared, sea)
     return {
         name: MAKERS[config.kind](config, given.get(name) or float(config.value("rate")), around)
         for name, config in vehicle.sensors.items()
@@ -55,6 +57,7 @@ class Around:
 
     beacons: Beacons
     shared: Mapping[str, Prior]
+    date: datetime | None = None  # of a sea that is the trajectory's own
 
     def surrounding(self, name: str, axes: int) -> Surrounding:
         """Return the current or the sea bed as its prior describes it; raises InputError where it changes along the way."""
@@ -66,13 +69,15 @@ class Around:
 
     @property
     def current(self) -> Surrounding:
-        """The current, north and east."""
+        """The current, north and east, on top of the water of the trajectory's own sea."""
+        if self.date is not None:
+            return STILL
         return self.surrounding("water.current", 2)
 
     @property
     def seabed(self) -> Surrounding | None:
         """The depth of the sea bed, where the vehicle file speaks of it."""
-        return self.surrounding("seabed.depth", 1) if "seabed.depth" in self.shared else None
+        return self.surrounding("seabed.depth", 1) if "seabed.depth" in self.shared and self.date is None else None
 
 
 @dataclass(frozen=True)
@@ -193,7 +198,7 @@ def _imu(config: SensorConfig, rate: float, around: Around) -> simulated.Imu:  #
     )
 
 
-def _doppler(config: SensorConfig, rate: float) -> dict[str, Any]:
+def _doppler(config: SensorConfig, rate: float, around: Around) -> dict[str, Any]:
     """What Doppler logs over ground and through the water have in common."""
     frame, beams = config.value("frame", "sensor"), config.value("use", "velocity") == "beams"
     if frame not in ("sensor", "body"):
@@ -202,6 +207,8 @@ def _doppler(config: SensorConfig, rate: float) -> dict[str, Any]:
     twist, sigma_mounting = _constant(config, "mounting")
     rotation = (config.rotation_bs if frame == "sensor" or beams else np.eye(3)) @ matrix_from_quaternion(exponential(twist * np.ones(3)))
     head: dict[str, Any] = {"sigma": config.value("sigma")}
+    if around.date is not None and config.values.get("beam_azimuth"):  # it sees the ground by its beams, whatever is taken of it
+        head |= {"azimuths": tuple(config.value("beam_azimuth")), "tilt": config.value("beam_tilt")}
     if beams:
         azimuths, sigma = tuple(config.value("beam_azimuth")), config.value("beam_sigma", config.value("sigma"))
         head = {"output": "beams", "azimuths": azimuths, "tilt": config.value("beam_tilt"), "beam_sigma": sigma}
@@ -220,11 +227,11 @@ def _first(drift: Drift, count: int) -> Drift:
 def _dvl(config: SensorConfig, rate: float, around: Around) -> Doppler:
     sigma = config.values.get("altitude_sigma")
     below: dict[str, Any] = {} if sigma is None else {"seabed": around.seabed, "sigma_altitude": sigma}
-    return Doppler(**_doppler(config, rate), **below)
+    return Doppler(**_doppler(config, rate, around), **below)
 
 
 def _water_velocity(config: SensorConfig, rate: float, around: Around) -> WaterDoppler:
-    return WaterDoppler(**_doppler(config, rate), current=around.current)
+    return WaterDoppler(**_doppler(config, rate, around), current=around.current)
 
 
 def _speed(config: SensorConfig, rate: float, around: Around) -> simulated.Speed:
@@ -301,8 +308,8 @@ def _shifted(drift: Drift, offset: float) -> Drift:
     return replace(drift, constant=tuple(map(float, constant)))
 
 
-def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Heading:  # noqa: ARG001
-    offset, swing = _angles(config.rotation_bs)[2] - _declination(config), _prior(config, "swing")
+def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Heading:
+    offset, swing = _angles(config.rotation_bs)[2] - _declination(config, around), _prior(config, "swing")
     if not np.isinf(swing.tau) or swing.walk:
         raise InputError(f"sensors.{config.name}.nuisance.swing", "wanders", "a value and a sigma: the simulator draws a constant")
     return simulated.Heading(
@@ -311,23 +318,30 @@ def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Hea
         bias=_shifted(_drift(config, "bias"), offset),
         swing=tuple(map(float, swing.value * np.ones(4))),
         sigma_swing=tuple(map(float, swing.sigma * np.ones(4))),
+        date=_date(config, around),
     )
 
 
-def _declination(config: SensorConfig) -> float:
-    if config.value("reference", "true") != "magnetic":
+def _date(config: SensorConfig, around: Around) -> datetime | None:
+    """The date whose magnetic field an instrument is turned by; None: it reads true north, or its declination is given."""
+    by_model = config.value("reference", "true") == "magnetic" and config.value("declination") == "wmm"
+    return around.date if by_model else None
+
+
+def _declination(config: SensorConfig, around: Around) -> float:
+    if config.value("reference", "true") != "magnetic" or _date(config, around) is not None:
         return 0.0
     if config.value("declination") == "wmm":
         raise InputError(f"sensors.{config.name}.declination", "'wmm'", "declination_deg: the simulator knows no magnetic field")
     return float(config.value("declination"))
 
 
-def _attitude(config: SensorConfig, rate: float, around: Around) -> simulated.Attitude:  # noqa: ARG001
+def _attitude(config: SensorConfig, rate: float, around: Around) -> simulated.Attitude:
     tilt, heading = config.value("sigma_tilt"), config.value("sigma")
     if "swing" in config.nuisance:
         raise InputError(f"sensors.{config.name}.nuisance.swing", "is of an attitude", "none: the simulator draws that of a heading")
-    bias = _shifted(_drift(config, "bias", 3), -_declination(config))
-    return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias)
+    bias = _shifted(_drift(config, "bias", 3), -_declination(config, around))
+    return simulated.Attitude(**_placed(config, rate), sigma=(tilt, tilt, heading), bias=bias, date=_date(config, around))
 
 
 def _gnss(config: SensorConfig, rate: float, around: Around) -> simulated.Gnss:  # noqa: ARG001

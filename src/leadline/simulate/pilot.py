@@ -97,7 +97,7 @@ class Pilot:
         for k, axis in enumerate((at.PITCH, at.YAW)):
             if axis in self.axes:
                 shares[:, k] = 0.0
-        return shares
+        return np.asarray(shares)
 
     @property
     def hovers(self) -> bool:

@@ -294,6 +294,18 @@ def measured(route: Array) -> Array:
     return found
 
 
+def between(route: Array, step: float) -> Array:
+    """Return the route with further rows along its straight lines, at most `step` (m) apart; each is as the row that it leads to."""
+    rows = [route[:1]]
+    for a, b in pairwise(route):
+        count = max(int(np.ceil((b[ALONG] - a[ALONG]) / step)), 1)
+        part = np.tile(b, (count, 1))
+        share = np.arange(1, count + 1)[:, None] / count
+        part[:, [NORTH, EAST, ALONG]] = a[[NORTH, EAST, ALONG]] + share * (b - a)[[NORTH, EAST, ALONG]]
+        rows.append(part)
+    return np.concatenate(rows)
+
+
 def duration_of(route: Array) -> float:
     """Return how long (s) the route takes at its speeds, with its stays."""
     lengths = [b[ALONG] - a[ALONG] for a, b in pairwise(route)]

@@ -27,6 +27,7 @@ NAV = 14
 INTEGRAL, FULL = 21, 27  # six integrals; six flags: what was asked of that axis could not be given
 MEMORY = 33
 UNDER_WAY, RISING, UP, LAST_RISE, LAST_UP = 0.0, 1.0, 2.0, 3.0, 4.0
+NEVER = -1e8  # s: what lies before it has not happened
 
 # The array `pilot`: settings, then six numbers for each axis, then the allocation.
 (LOOKAHEAD, ARRIVE, ACCELERATION, DESCENT, PITCH_MAX, TURN_MAX, SWAY, HEAVE, SPINS, EVERY, STAY, STOP, ASCEND, AT_END, AFLOAT,
@@ -63,9 +64,9 @@ def progress(nav, route, pilot, memory):
     """Move on along the route."""
     n, e, time = nav[1], nav[2], nav[0]
     if memory[FIRST] == 0.0:
-        memory[FIRST], memory[SEGMENT], memory[STAY_FROM], memory[DONE], memory[BEST_FROM] = 1.0, 1.0, -1.0, -1.0, time
+        memory[FIRST], memory[SEGMENT], memory[STAY_FROM], memory[DONE], memory[BEST_FROM] = 1.0, 1.0, -1e9, -1e9, time
         memory[DEPTH_WANTED], memory[HEADING_WANTED], memory[DIVED], memory[HELD_NORTH], memory[HELD_EAST] = nav[3], nav[7], time, n, e
-    while memory[DONE] < 0.0:
+    while memory[DONE] < NEVER:
         k = int(memory[SEGMENT])
         a0, a1, b0, b1 = route[k - 1, NORTH], route[k - 1, EAST], route[k, NORTH], route[k, EAST]
         length = route[k, ALONG] - route[k - 1, ALONG]
@@ -74,15 +75,15 @@ def progress(nav, route, pilot, memory):
         memory[AT_LEG] = route[k, LEG]
         near = math.sqrt((n - b0) ** 2 + (e - b1) ** 2) < pilot[ARRIVE]
         reached = near or (t >= length and not (route[k, HOLD] > 0.0))
-        if memory[STAY_FROM] < 0.0 and not reached:
+        if memory[STAY_FROM] < NEVER and not reached:
             break
         if route[k, HOLD] > 0.0:
-            if memory[STAY_FROM] < 0.0:
+            if memory[STAY_FROM] < NEVER:
                 memory[STAY_FROM], memory[TURN_FROM] = time, memory[HEADING_WANTED]
             memory[HELD_NORTH], memory[HELD_EAST], memory[BEST_FROM] = b0, b1, time
             if time - memory[STAY_FROM] < route[k, HOLD]:
                 break
-            memory[STAY_FROM] = -1.0
+            memory[STAY_FROM] = -1e9
         if k == len(route) - 1:
             memory[DONE] = time
             memory[HELD_NORTH], memory[HELD_EAST] = b0, b1
@@ -112,9 +113,9 @@ def aim(route, pilot, memory):
 def rise(nav, pilot, memory):
     """Whether the vehicle goes to the surface, stays there, or is under way."""
     time, up = nav[0], nav[3] <= pilot[AFLOAT]
-    if memory[DONE] >= 0.0 and memory[MODE] < LAST_RISE:
+    if memory[DONE] > NEVER and memory[MODE] < LAST_RISE:
         memory[MODE], memory[MODE_FROM] = (LAST_RISE, time) if pilot[ASCEND] > 0.0 else (LAST_UP, time)
-    if memory[MODE] == UNDER_WAY and pilot[EVERY] > 0.0 and time - memory[DIVED] >= pilot[EVERY] and memory[DONE] < 0.0:
+    if memory[MODE] == UNDER_WAY and pilot[EVERY] > 0.0 and time - memory[DIVED] >= pilot[EVERY] and memory[DONE] < NEVER:
         memory[MODE], memory[HELD_NORTH], memory[HELD_EAST] = RISING, nav[1], nav[2]
     elif memory[MODE] == RISING and up:
         memory[MODE], memory[MODE_FROM] = UP, time
@@ -145,9 +146,9 @@ def course(nav, route, pilot, memory):
     """Direction (rad) and speed (m/s) wanted over ground."""
     k = int(memory[SEGMENT])
     stopped = memory[MODE] in (RISING, UP) and pilot[STOP] > 0.0
-    if memory[DONE] >= 0.0 and pilot[SPINS] == 0.0:  # straight on until it is up
+    if memory[DONE] > NEVER and pilot[SPINS] == 0.0:  # straight on until it is up
         return memory[HEADING_WANTED], route[k, SPEED] if memory[MODE] == LAST_RISE else 0.0
-    if memory[DONE] >= 0.0 or memory[STAY_FROM] >= 0.0 or stopped:
+    if memory[DONE] > NEVER or memory[STAY_FROM] > NEVER or stopped:
         d0, d1 = memory[HELD_NORTH] - nav[1], memory[HELD_EAST] - nav[2]
         return math.atan2(d1, d0), min(0.25 * math.sqrt(d0 * d0 + d1 * d1), route[k, SPEED])
     north, east, left = aim(route, pilot, memory)
@@ -168,7 +169,7 @@ def heading_wanted(nav, route, pilot, memory, direction, dt):
     target = direction - memory[CRAB]
     away = math.sqrt((memory[HELD_NORTH] - nav[1]) ** 2 + (memory[HELD_EAST] - nav[2]) ** 2)
     held = stays(memory)
-    if memory[STAY_FROM] >= 0.0 and route[k, TURN] != 0.0:
+    if memory[STAY_FROM] > NEVER and route[k, TURN] != 0.0:
         target = memory[TURN_FROM] + route[k, TURN] * min((nav[0] - memory[STAY_FROM]) / route[k, HOLD], 1.0)
         memory[HEADING_WANTED] = target
         return target
@@ -194,7 +195,7 @@ def loop(pilot, memory, axis, wanted, found, dt):
 @kernel()
 def stays(memory):
     """Whether the vehicle is to be in one place."""
-    return memory[STAY_FROM] >= 0.0 or memory[DONE] >= 0.0
+    return memory[STAY_FROM] > NEVER or memory[DONE] > NEVER
 
 
 @kernel()
@@ -234,7 +235,7 @@ def demand(nav, route, pilot, memory, dt, force):
     force[ROLL] = loop(pilot, memory, ROLL, limited(-pilot[AXES + AXIS * ROLL + 2] * nav[5], 0.5), nav[11], dt)
     force[PITCH] = loop(pilot, memory, PITCH, limited(outer, 0.5), nav[12], dt)
     turn = 0.0
-    if memory[STAY_FROM] >= 0.0 and route[int(memory[SEGMENT]), TURN] != 0.0:
+    if memory[STAY_FROM] > NEVER and route[int(memory[SEGMENT]), TURN] != 0.0:
         k = int(memory[SEGMENT])
         turn = route[k, TURN] / route[k, HOLD]
     force[YAW] = loop(pilot, memory, YAW, limited(pilot[AXES + AXIS * YAW + 2] * error + turn, pilot[TURN_MAX]), nav[13], dt)

@@ -24,7 +24,7 @@ from leadline.simulate import steering
 from leadline.simulate.dense import WIDTH, Dense
 from leadline.simulate.dynamics import ACTUATORS, at_rest, site_at
 from leadline.simulate.pilot import Pilot
-from leadline.simulate.routes import ALTITUDE, VERTICAL, duration_of
+from leadline.simulate.routes import ALTITUDE, EAST, NORTH, VERTICAL, between, duration_of
 from leadline.simulate.sailing import AGROUND, LOST, OFF_DEPTH, ON, PATIENCE, STUCK, TICK, TIME_UP, TOLERANCE, sail
 from leadline.simulate.trajectory import Trajectory
 
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from leadline.simulate.trajectory import Place
 
 STRETCH = 600  # ticks that are run at a time: a minute
+LEAD, TAIL = 10, 100  # ticks before time 0 and after the end, so that an interval or an echo there is whole
 
 
 @dataclass(eq=False)
@@ -58,8 +59,9 @@ class Voyage:
     speed: float = 0.0
     density: float = 1025.0
     limit: float | None = None  # s after which it ends, whatever the plan says
-    ticks: int = 0
+    ticks: int = -LEAD
     ended: int = ON
+    over: int = 0  # tick at which it ended; 0: it has not
     knots: list[Array] = field(default_factory=list)
     moved: list[Array] = field(default_factory=list)
 
@@ -96,15 +98,16 @@ class Voyage:
         """Refuse a route that leads through the ground."""
         if self.chart is None:
             return
-        ground = self.chart.depth_at(self.route[:, 0], self.route[:, 1])
-        low = np.flatnonzero((self.route[:, ALTITUDE] == 0.0) & (self.route[:, VERTICAL] >= ground))
+        route = between(self.route, 5.0)
+        ground = self.chart.depth_at(route[:, NORTH], route[:, EAST])
+        low = np.flatnonzero((route[:, ALTITUDE] == 0.0) & (route[:, VERTICAL] >= ground))
         if len(low):
-            n, e, wanted = (float(v) for v in self.route[low[0], [0, 1, VERTICAL]])
+            n, e, wanted = (float(v) for v in route[low[0], [NORTH, EAST, VERTICAL]])
             found = f"leads to {wanted:g} m at north {n:.0f} m, east {e:.0f} m, where the ground lies at {ground[low[0]]:.1f} m"
             raise InputError("plan", found, "a lesser depth, or an altitude")
-        blind = np.flatnonzero((self.route[:, ALTITUDE] > 0.0) & ~np.isfinite(ground))
+        blind = np.flatnonzero((route[:, ALTITUDE] > 0.0) & ~np.isfinite(ground))
         if len(blind):
-            n, e = (float(v) for v in self.route[blind[0], [0, 1]])
+            n, e = (float(v) for v in route[blind[0], [NORTH, EAST]])
             raise InputError("plan", f"follows the ground at north {n:.0f} m, east {e:.0f} m, where the chart knows none", "a larger chart")
 
     @property
@@ -127,18 +130,21 @@ class Voyage:
         if self.ended != ON:
             return False
         if self.limit is not None:
-            count = min(count, round(self.limit / TICK) - self.ticks)
+            count = min(count, round(self.limit / TICK) + 1 - self.ticks)
+        self.ended = self._sail(count, self.parameters, np.zeros(0) if believed is None else believed)
+        if self.ended == ON and self.limit is not None and self.ticks > round(self.limit / TICK):
+            self.ended = TIME_UP
+        return self.ended == ON
+
+    def _sail(self, count: int, pilot: Array, believed: Array) -> int:
         knots, moved = np.empty((count, WIDTH)), np.empty((count, self.hull.states - ACTUATORS))
         arrays = (self.hull.parameters, self.site, self.place.water.parameters, self.frame, self.grid, self.corner)
-        steered = (self.route, self.parameters, self.memory, np.zeros(0) if believed is None else believed, self.work)
+        steered = (self.route, pilot, self.memory, believed, self.work)
         done, why = sail(self.ticks, count, self.x, *arrays, *steered, knots, moved, self.state)
         self.knots.append(knots[:done])
         self.moved.append(moved[:done])
         self.ticks += done
-        self.ended = why
-        if why == ON and self.limit is not None and self.ticks >= round(self.limit / TICK):
-            self.ended = TIME_UP
-        return self.ended == ON
+        return int(why)
 
     def run(self, progress: Callable[[float], None] | None = None) -> Trajectory:
         """Run to the end; raises InputError where the vehicle runs aground or does not get on."""
@@ -151,8 +157,15 @@ class Voyage:
         """Return the trajectory so far; raises InputError where the voyage came to grief."""
         if self.ended in GRIEF:
             raise InputError("mission", self.grief(), GRIEF[self.ended])
+        if self.ended != ON and not self.over:
+            self.over = self.ticks
+            patient = self.parameters.copy()
+            patient[steering.AT_END] = np.inf
+            self.memory[steering.BEST_FROM] = self.memory[steering.AT_DEPTH] = np.inf
+            self._sail(TAIL, patient, np.zeros(0))
         knots = np.concatenate(self.knots)
-        return Trajectory(self.place, Dense(0.0, TICK, np.ascontiguousarray(knots)), TICK * (len(knots) - 1))
+        last = (self.over or self.ticks) - 1
+        return Trajectory(self.place, Dense(-LEAD * TICK, TICK, np.ascontiguousarray(knots)), TICK * last)
 
     def grief(self) -> str:
         """Say where and when it ended before its end."""
@@ -164,7 +177,7 @@ class Voyage:
     def actuators(self) -> tuple[Array, Array]:
         """Return times (s) and speeds of thrusters (rps) and angles of fins (rad), as `hull.actuators` names them, at each tick."""
         moved = np.concatenate(self.moved)
-        return np.asarray(TICK * np.arange(len(moved))), moved
+        return np.asarray(TICK * (np.arange(len(moved)) - LEAD)), moved
 
 
 WORDS = {

@@ -1,0 +1,131 @@
+"""What a simulated vehicle carries: the instruments of its vehicle file, with what a mission and `simulated` tables say beyond it.
+
+An instrument of the vehicle file is drawn with the errors that the filter takes for granted (instruments.py).  `simulated` in the vehicle
+file, or in its preset, and [instruments.NAME] in the mission change fields of it, the mission last; a table of a name that the vehicle file
+does not have makes one more instrument, of the `kind` that it states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+from leadline.data.errors import InputError, suggestion
+from leadline.missions.equipment_keys import fields_of, with_keys
+from leadline.missions.instruments import instruments_of
+from leadline.simulate import instruments as simulated
+from leadline.simulate.machinery import Machinery
+from leadline.simulate.multibeam import Multibeam
+from leadline.simulate.platforms import PlatformPose
+from leadline.simulate.usbl import ShortBaseline, Usbl, UsblFix
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from leadline.missions.mission import Mission
+    from leadline.simulate.instrument import Instrument
+    from leadline.simulate.voyage import Voyage
+
+CLASSES: Mapping[str, type[Instrument[Any]]] = {
+    "imu": simulated.Imu, "magnetometer": simulated.Magnetometer, "attitude": simulated.Attitude, "heading": simulated.Heading,
+    "yaw_rate": simulated.YawRate, "depth": simulated.Depth, "pressure": simulated.Pressure, "altimeter": simulated.Altimeter,
+    "gnss": simulated.Gnss, "position_fix": simulated.PositionFix, "dvl": simulated.Dvl, "water_velocity": simulated.WaterVelocity,
+    "speed": simulated.Speed, "swath": Multibeam, "acoustic_range": simulated.AcousticRange, "usbl": Usbl, "usbl_fix": UsblFix,
+    "short_baseline": ShortBaseline, "platform": PlatformPose, "thruster": simulated.ThrusterSpeeds,
+    "motor_current": simulated.MotorCurrents, "water_level": simulated.WaterLevel, "water_current": simulated.CurrentMeter,
+    "sound_speed": simulated.SoundSpeedMeter, "sound_speed_profile": simulated.SoundProfileCast,
+}  # fmt: skip
+SOUNDING = (simulated.AcousticRange, Usbl, UsblFix, ShortBaseline)  # whose rays a profile bends
+IDLE, DRAWN = 0.1, 2e-4  # A, and A per (rps)^power: a small motor, where a mission asks for currents and says nothing of them
+
+
+def equip(mission: Mission, voyage: Voyage) -> dict[str, Instrument[Any]]:
+    """Return by name what the vehicle of a mission carries, after its voyage (machinery tells what it did).
+
+    Raises InputError, which names the key, for an unknown kind or field, and for an instrument that lacks what it looks at.
+    """
+    machinery = Machinery.of(mission.hull, *voyage.actuators(), idle=IDLE, drawn=DRAWN)
+    rates = {name: float(own["rate_hz"]) for name, own in mission.instruments.items() if isinstance(own.get("rate_hz"), (int, float))}
+    found = instruments_of(mission.vehicle, rates, mission.beacons, mission.epoch)
+    for name, instrument in found.items():
+        config = mission.vehicle[name]
+        own = config.written.get("simulated", {})
+        found[name] = with_keys(instrument, config.kind, own, f"{mission.vehicle.path}: sensors.{name}.simulated")
+    for name, raw in mission.instruments.items():
+        where = f"{mission.path}: instruments.{name}"
+        if name in found:
+            kind = str(raw.get("kind", mission.vehicle[name].kind))
+            found[name] = with_keys(found[name], kind, raw, where)
+        else:
+            found[name] = _made(raw, where, mission, machinery)
+    return {name: _looking(instrument, name, mission, machinery) for name, instrument in found.items()}
+
+
+def _made(raw: Mapping[str, Any], where: str, mission: Mission, machinery: Machinery) -> Instrument[Any]:
+    """Return an instrument that the vehicle file does not have."""
+    kind = raw.get("kind")
+    if not isinstance(kind, str) or kind not in CLASSES:
+        found = "has no 'kind', and the vehicle file has no such sensor" if kind is None else f"the kind '{kind}' is not known"
+        raise InputError(where, found, suggestion(str(kind), CLASSES))
+    made = CLASSES[kind]
+    values = fields_of(made, kind, raw, where)
+    needed = {"rate"} if kind != "short_baseline" else set()
+    if not needed <= set(values):
+        raise InputError(where, "has no 'rate_hz'", "give it")
+    given: dict[str, Any] = {}
+    if made is Multibeam:
+        if mission.sea.chart is None:
+            raise InputError(where, "looks at the ground, and the sea has none", "add [sea.terrain]")
+        given["seabed"] = mission.sea.chart
+    if made in (simulated.ThrusterSpeeds, simulated.MotorCurrents):
+        given["machinery"] = machinery
+    if made in (simulated.SoundSpeedMeter, simulated.SoundProfileCast):
+        if mission.sea.sound is None:
+            raise InputError(where, "measures the speed of sound, and the sea says nothing of it", "add sound or sound_speed_mps to [sea]")
+        given["profile"] = mission.sea.sound
+    if made is simulated.SoundProfileCast:
+        given["depths"] = tuple(float(z) for z in mission.sea.sound.depth) if mission.sea.sound is not None else ()
+    return made(**values, **given, **_partners(made, raw, where, mission))
+
+
+def _partners(made: type[Instrument[Any]], raw: Mapping[str, Any], where: str, mission: Mission) -> dict[str, Any]:
+    """Return whom an acoustic instrument speaks with: the beacons and platforms that it names, or all."""
+    found: dict[str, Any] = {}
+    own = {field.name for field in fields(made)}
+    if "ship" in own and raw.get("receiver"):
+        ship = raw["receiver"]
+        if ship not in mission.platforms:
+            raise InputError(f"{where}.receiver", f"'{ship}' is no platform", suggestion(str(ship), mission.platforms))
+        return {"ship": mission.platforms[ship]}
+    lists: tuple[tuple[str, Mapping[str, Any]], ...]
+    lists = ("beacons", mission.beacons), ("platforms", mission.platforms), ("transducers", mission.beacons)
+    for key, known in lists:
+        if key not in own:
+            continue
+        wanted = raw.get(key, list(known) if key != "platforms" or made is PlatformPose else [])
+        for one in wanted:
+            if one not in known:
+                raise InputError(f"{where}.{key}", f"'{one}' is not known", suggestion(str(one), known))
+        found[key] = {one: known[one] for one in wanted}
+    return found
+
+
+def _looking(instrument: Instrument[Any], name: str, mission: Mission, machinery: Machinery) -> Instrument[Any]:
+    """Return an instrument in the sea and on the vehicle of a mission: what it can see of them, it sees."""
+    own = {field.name for field in fields(instrument)}
+    given: dict[str, Any] = {}
+    if isinstance(instrument, simulated.Magnetometer):
+        given["date"] = mission.epoch
+        given["machinery"] = machinery if instrument.motor_coupling else None
+    if "seabed" in own and mission.sea.chart is not None and not isinstance(instrument, Multibeam):
+        given["seabed"] = mission.sea.chart
+    if (
+        "profile" in own
+        and mission.sea.sound is not None
+        and isinstance(instrument, (simulated.AcousticRange, Usbl, UsblFix, ShortBaseline))
+    ):
+        given["profile"] = mission.sea.sound
+    raw = mission.instruments.get(name, {})
+    if isinstance(instrument, simulated.AcousticRange) and name in mission.vehicle.sensors and {"beacons", "platforms"} & set(raw):
+        given |= _partners(type(instrument), raw, f"{mission.path}: instruments.{name}", mission)
+    return replace(instrument, **given) if given else instrument

@@ -1,0 +1,73 @@
+"""A mission, simulated: the vehicle sails, its instruments look, faults befall them, and a log is what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from leadline.formats.atomic import check_place
+from leadline.formats.chart import write_chart
+from leadline.formats.folder import write_log
+from leadline.missions.equipment import equip
+from leadline.missions.mission import read_mission
+from leadline.missions.montecarlo import seed_of
+from leadline.simulate.dive import Recorder
+from leadline.simulate.faults import troubled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from leadline.data.log import Log
+    from leadline.missions.mission import Mission
+    from leadline.simulate.voyage import Voyage
+
+CHART = "chart.asc"  # name of the ground in the folder of a log
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A mission that has been sailed, with the loop closed on truth: the motion is one, the noise is another for each seed."""
+
+    mission: Mission
+    voyage: Voyage
+
+    @cached_property
+    def recorder(self) -> Recorder:
+        """The truth, and the instruments that looked at it."""
+        mission = self.mission
+        trajectory = self.voyage.trajectory()
+        instruments = equip(mission, self.voyage)
+        return Recorder(trajectory, instruments, truth_rate=mission.truth_rate, start=mission.start, name=mission.name, epoch=mission.epoch)
+
+    def healthy(self, number: int) -> Log:
+        """Return the log of run `number` before its faults."""
+        log = self.recorder.draw(seed_of(self.mission.name, number))
+        return replace(log, vehicle=self.mission.vehicle.name)
+
+    def log(self, number: int) -> Log:
+        """Return the log of run `number`: every instrument and fault draws from a stream of mission, name and number."""
+        return troubled(self.healthy(number), self.mission.faults, seed_of(self.mission.name, number))
+
+
+def sailed(mission: Mission, progress: Callable[[float], None] | None = None) -> Simulation:
+    """Sail a mission; raises InputError where the vehicle comes to grief."""
+    voyage = mission.voyage()
+    voyage.run(progress)
+    return Simulation(mission, voyage)
+
+
+def simulate_folder(
+    path: Path, out: Path, number: int = 0, *, parquet: bool = True, progress: Callable[[float], None] | None = None
+) -> tuple[Mission, Log]:
+    """Simulate a mission file and write the folder of its log; returns both.
+
+    With a ground there is also its chart, `chart.asc`.  Raises InputError, before anything is written, for a wrong mission file or place.
+    """
+    mission = read_mission(path)
+    check_place(out, "log.toml")
+    log = sailed(mission, progress).log(number)
+    chart = mission.sea.chart
+    write_log(log, out, parquet=parquet, beside=None if chart is None else lambda folder: write_chart(chart, folder / CHART))
+    return mission, log
