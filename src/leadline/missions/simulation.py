@@ -58,6 +58,17 @@ def sailed(mission: Mission, progress: Callable[[float], None] | None = None) ->
     return Simulation(mission, voyage)
 
 
+def drawn(mission: Mission, number: int, progress: Callable[[float], None] | None = None) -> Log:
+    """Return the log of run `number` of a mission, steered by truth or by the estimate of a navigator, as the mission says."""
+    if mission.steer_by == "truth":
+        return sailed(mission, progress).log(number)
+    from leadline.missions.closed_loop import sail_by_estimate
+
+    seed = seed_of(mission.name, number)
+    _, log = sail_by_estimate(mission, seed, progress)
+    return troubled(log, mission.faults, seed)
+
+
 def simulate_folder(
     path: Path, out: Path, number: int = 0, *, parquet: bool = True, progress: Callable[[float], None] | None = None
 ) -> tuple[Mission, Log]:
@@ -67,7 +78,7 @@ def simulate_folder(
     """
     mission = read_mission(path)
     check_place(out, "log.toml")
-    log = sailed(mission, progress).log(number)
+    log = drawn(mission, number, progress)
     chart = mission.sea.chart
     write_log(log, out, parquet=parquet, beside=None if chart is None else lambda folder: write_chart(chart, folder / CHART))
     return mission, log

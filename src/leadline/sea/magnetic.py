@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +41,7 @@ def field_n(latitude: float, longitude: float, height: float, date: datetime, wh
     return 1e-9 * np.array([field.x, field.y, field.z])
 
 
+@lru_cache(maxsize=1024)  # asked for each row that arrives, and always the same
 def modelled(latitude: float, longitude: float, height: float, date: datetime, where: str) -> Any:
     """Return the field as the package gives it, in degrees and nT; raises InputError for a date without a model."""
     from pygeomag import GeoMag

@@ -134,8 +134,9 @@ def initial(trajectory: Trajectory, sigmas: StartSigmas, generator: np.random.Ge
     tilt = matrix_from_quaternion(exponential(draws[1] * (sigmas.tilt, sigmas.tilt, sigmas.heading)))
     velocity = rotation_en(latitude, longitude).T @ state.velocity_e[0] - sigmas.velocity * draws[2]
     roll, pitch, heading = (float(angle) for angle in euler(tilt.T @ state.rotation_nb[0]))
+    tide = float(trajectory.place.water.level(np.zeros(1))[0])
     return Initial(
-        time=0.0, latitude=latitude, longitude=longitude, depth=trajectory.place.surface_height - height,
+        time=0.0, latitude=latitude, longitude=longitude, depth=trajectory.place.surface_height + tide - height,
         velocity_north=float(velocity[0]), velocity_east=float(velocity[1]), velocity_down=float(velocity[2]),
         roll=roll, pitch=pitch, heading=heading,
         sigma_position=sigmas.position, sigma_depth=sigmas.depth, sigma_velocity=sigmas.velocity,

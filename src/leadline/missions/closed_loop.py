@@ -1,0 +1,210 @@
+"""A vehicle that steers by what it believes: voyage, instruments and navigator, each a step ahead of the next.
+
+Five times a second the vehicle sails on by what its navigator said last; then its instruments look at what it did, the navigator is
+handed their rows as they arrive, and says where the vehicle is.  An error of the navigator so becomes an error of the way, as at sea.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from leadline.core.attitude import euler_from_quaternion
+from leadline.data.records import Imu, Table, after
+from leadline.estimate.output import solution_of
+from leadline.estimate.solve import navigator_for
+from leadline.missions.equipment import equip
+from leadline.simulate.acoustics import Acoustic
+from leadline.simulate.dense import Dense
+from leadline.simulate.dive import Recorder, stream
+from leadline.simulate.sailing import TICK
+from leadline.simulate.settled import settled
+from leadline.simulate.trajectory import Trajectory
+from leadline.simulate.voyage import LEAD
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from leadline.data.log import Log
+    from leadline.data.records import Array
+    from leadline.estimate.navigator import Navigator
+    from leadline.missions.mission import Mission
+    from leadline.simulate.instrument import Instrument
+    from leadline.simulate.voyage import Voyage
+
+STEP = 2  # ticks between words of the navigator
+REACH = 6.0  # s that an acoustic instrument is behind: its echoes must be back
+MEMORY = 60.0  # s of the past that instruments can look at: those that low-pass need some of it
+
+
+@dataclass(eq=False)
+class Eye:
+    """One instrument that looks at a dive piece by piece."""
+
+    name: str
+    instrument: Instrument[Any]
+    moments: Array
+    behind: float
+    seed: int
+    done: int = 0
+    pieces: list[Table] = field(default_factory=list)
+
+    def look(self, trajectory: Trajectory, now: float) -> Table | None:
+        """Return the rows of all moments up to now that it has not looked at yet; None: there are none."""
+        last = int(np.searchsorted(self.moments, now - self.behind, side="right"))
+        if last == self.done:
+            return None
+        first = int(np.searchsorted(self.moments, self.moments[self.done] - 0.5 * MEMORY)) if self.instrument_remembers else self.done
+        seen: Table = self.instrument.ideal(trajectory, self.moments[first:last])
+        if first < self.done:
+            seen = seen.select(seen.time > self.moments[self.done - 1])
+        table: Table = self.instrument.record(seen, stream(self.seed, f"piece/{self.name}/{self.done}")) if len(seen) else seen
+        self.done = last
+        if not len(table):
+            return None
+        self.pieces.append(table)
+        return table
+
+    @property
+    def instrument_remembers(self) -> bool:
+        """Whether what it shows depends on what it saw before."""
+        return bool(getattr(self.instrument, "tilt_gain", 0.0) or getattr(self.instrument, "lag", 0.0))
+
+
+def sail_by_estimate(mission: Mission, seed: int, progress: Callable[[float], None] | None = None) -> tuple[Voyage, Log]:
+    """Sail a mission by its navigator's estimate; returns the voyage and the log that it leaves.
+
+    Raises InputError where the vehicle comes to grief, and for instruments and faults that cannot be drawn piece by piece.
+    """
+    rehearsal = mission.voyage()
+    rehearsal.run()
+    template = Recorder(rehearsal.trajectory(), equip(mission, rehearsal), start=mission.start, name=mission.name, epoch=mission.epoch)
+    longest = 3 * rehearsal.time + 600.0 if mission.duration is None else mission.duration
+    voyage = replace(mission.voyage(), limit=longest)
+    known = template.draw(seed)
+    navigator, _, _ = navigator_for(known, mission.vehicle)
+    helm = Helm(mission, voyage, navigator, eyes_of(template, mission, longest, seed))
+    helm.run(progress)
+    return voyage, helm.log(known)
+
+
+def eyes_of(recorder: Recorder, mission: Mission, longest: float, seed: int) -> list[Eye]:
+    """Return what looks, the inertial unit last: rows before the inputs that cover them."""
+    found = []
+    for name, instrument in recorder.instruments.items():
+        still = settled(instrument, name, longest, stream(seed, f"settled/{name}"))
+        moments = still.sampling(longest, stream(seed, f"sampling/{name}"))
+        found.append(Eye(name, still, moments, REACH if isinstance(still, Acoustic) else 0.0, seed))
+    return sorted(found, key=lambda eye: eye.name == mission.vehicle.process.imu)
+
+
+@dataclass(eq=False)
+class Helm:
+    """What steers: the voyage, the navigator aboard, and the instruments between them."""
+
+    mission: Mission
+    voyage: Voyage
+    navigator: Navigator
+    eyes: list[Eye]
+    believed: Array | None = None
+    waiting: deque[tuple[float, Array]] = field(default_factory=deque)  # what was believed, and when it reaches the pilot
+    arriving: list[tuple[float, int, str, Table]] = field(default_factory=list)
+    altitude: float = np.nan
+    count: int = 0
+
+    def run(self, progress: Callable[[float], None] | None) -> None:
+        """Sail to the end; the first second is steered by truth, until the navigator has a word to say."""
+        voyage = self.voyage
+        voyage.tick(LEAD + STEP)
+        while voyage.tick(STEP, self.believed):
+            self.listen(voyage.time - TICK)
+            if progress is not None and voyage.ticks % 500 == 0:
+                progress(min(voyage.time / voyage.expected, 0.99))
+        self.listen(voyage.time - TICK)
+
+    def path(self) -> Trajectory:
+        """Return the last minute of what was sailed."""
+        knots, needed = self.voyage.knots, int(MEMORY / TICK)
+        parts: list[Array] = []
+        rows = 0
+        for part in reversed(knots):
+            parts.append(part)
+            rows += len(part)
+            if rows >= needed:
+                break
+        recent = np.ascontiguousarray(np.concatenate(parts[::-1]))
+        begin = TICK * (self.voyage.ticks - len(recent))
+        return Trajectory(self.voyage.place, Dense(begin, TICK, recent), self.voyage.time)
+
+    def listen(self, now: float) -> None:
+        """Let all instruments look, hand over what has arrived, and ask the navigator."""
+        path = self.path()
+        for eye in self.eyes:
+            table = eye.look(path, now)
+            if table is not None and eye.name in self.mission.vehicle.sensors:
+                self.expect(eye.name, table)
+        self.arriving.sort(key=lambda item: item[:2])
+        while self.arriving and self.arriving[0][0] <= now + 1e-9:
+            _, _, name, rows = self.arriving.pop(0)
+            self.navigator.receive(name, rows)
+            self.hear(rows)
+        self.ask(now)
+
+    def expect(self, name: str, table: Table) -> None:
+        """Put rows where they wait to arrive: those that come at once together, late ones each by itself."""
+        if table.received is None:
+            batches = [(float(table.time[-1]), table)]
+        else:
+            batches = [(float(when), table.select(slice(k, k + 1))) for k, when in enumerate(table.received)]
+        for when, rows in batches:
+            self.count += 1
+            last = isinstance(rows, Imu)
+            self.arriving.append((max(when, 0.0), self.count + (10**12 if last else 0), name, rows))
+
+    def hear(self, rows: Table) -> None:
+        """Keep the altitude that a Doppler log or an altimeter tells."""
+        seen = getattr(rows, "altitude", None)
+        seen = getattr(rows, "range", None) if seen is None and rows.kind == "altimeter" else seen
+        if seen is not None and len(seen) and np.isfinite(seen[-1]):
+            self.altitude = float(seen[-1])
+
+    def ask(self, now: float) -> None:
+        """Take down what the navigator believes, and let the pilot have what it believed `delay` ago."""
+        if self.navigator.time <= self.navigator.start:
+            return
+        navigator = self.navigator
+        assert navigator.reference is not None
+        moment = max(now, navigator.time)
+        found = solution_of(navigator.reference, navigator.composition, np.array([moment]), navigator.output(moment)[None])
+        self.waiting.append((moment + self.mission.delay, self.nav_of(moment, found)))
+        while self.waiting and self.waiting[0][0] <= now + 1e-9:
+            self.believed = self.waiting.popleft()[1]
+
+    def nav_of(self, moment: float, found: Any) -> Array:
+        """Return what the pilot reads: steering.py's nav."""
+        roll, pitch, heading = (float(angle[0]) for angle in euler_from_quaternion(found.quaternion_nb))
+        place = found.north[0], found.east[0], found.depth[0], self.altitude
+        return np.array([moment, *place, roll, pitch, heading, *found.velocity_n[0], *self.rate()], float)
+
+    def rate(self) -> Array:
+        """Return the angular rate (3,), body axes, as the gyros felt it last; Earth rate and biases are small against any turn."""
+        eye = next(eye for eye in self.eyes if eye.name == self.mission.vehicle.process.imu)
+        if not eye.pieces:
+            return np.zeros(3)
+        last, turn = eye.pieces[-1], self.mission.vehicle[eye.name].rotation_bs
+        assert isinstance(last, Imu)
+        gyro = last.gyro if last.gyro is not None else last.delta_angle / last.interval[:, None]  # type: ignore[operator, index]
+        return np.asarray(turn @ np.mean(gyro, axis=0))
+
+    def log(self, template: Log) -> Log:
+        """Return what was recorded, with the truth of what was sailed."""
+        trajectory = self.voyage.trajectory()
+        tables = {eye.name: reduce(after, eye.pieces) for eye in self.eyes if eye.pieces}
+        kept = {name: table.select(table.time <= trajectory.duration) for name, table in tables.items()}
+        rate = self.mission.truth_rate
+        times = np.arange(int(np.floor(trajectory.duration * rate + 1e-6)) + 1) / rate
+        return replace(template, tables={**kept, "truth": trajectory.truth(times)}, vehicle=self.mission.vehicle.name)

@@ -1,0 +1,127 @@
+"""Steered by its own estimate: what the navigator gets wrong the vehicle sails wrong, and what it leaves is a log like any other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from leadline.assess.assessment import assess
+from leadline.assess.consistency import Answer
+from leadline.core.geodesy import north_east
+from leadline.data.errors import InputError
+from leadline.data.log import Log
+from leadline.estimate.solve import solve
+from leadline.missions.closed_loop import sail_by_estimate
+from leadline.missions.mission import Mission, read_mission
+from leadline.missions.montecarlo import compared
+from leadline.missions.simulation import drawn
+from leadline.simulate.drift import Drift
+from leadline.simulate.instruments import Depth, Dvl, Imu, Triad
+from leadline.simulate.routes import Plan, Waypoints
+from leadline.simulate.settled import settled
+
+SURVEY = Path(__file__).parent.parent / "missions" / "survey.toml"
+
+
+def short() -> Mission:
+    """One line of the survey, without the ship and in calm: nothing but dead reckoning once it is under water."""
+    mission = read_mission(SURVEY)
+    legs = (Waypoints(through=((25.0, 9.0),), speed=1.5, depth=0.0), Waypoints(through=((170.0, 62.0),), speed=1.5, depth=8.0))
+    vehicle = mission.vehicle.without("usbl", "ranges")
+    return replace(mission, plan=Plan(legs), vehicle=vehicle, instruments={}, faults=(), steer_by="estimate")
+
+
+@cache
+def loop() -> Log:
+    return drawn(short(), 0)
+
+
+def known(log: Log, mission: Mission) -> Log:
+    return log.without(*(name for name in log.tables if name not in mission.vehicle.sensors and name != "truth"))
+
+
+def test_the_log_it_leaves_fits_the_vehicle_file() -> None:
+    """Innovations as large as predicted and white; errors within three sigmas (of one dive alone more cannot be said of its biases)."""
+    log, mission = loop(), short()
+    assert set(mission.vehicle.sensors) <= set(log.tables)
+    solution = solve(known(log, mission), mission.vehicle, times=log.truth.time)  # type: ignore[union-attr]
+    assert assess(solution, None).verdict.answer is not Answer.INCONSISTENT
+    assert np.mean(np.abs(compared(solution, log.truth).error) < 3 * compared(solution, log.truth).sigma) > 0.97  # type: ignore[arg-type]
+
+
+def test_the_way_is_wrong_by_what_the_navigator_gets_wrong() -> None:
+    """With a Doppler log turned by five degrees and no satellites the vehicle believes to be on its line, and is metres off it."""
+    mission = short()
+    turned = {"dvl": {"mounting_deg": [0.0, 0.0, 50.0]}}
+    mission = replace(mission, vehicle=mission.vehicle.without("gnss"), instruments=turned)
+    log = drawn(mission, 0)
+    truth = log.truth
+    assert truth is not None
+    solution = solve(known(log, mission), mission.vehicle, times=truth.time)
+    start, end = mission.voyage().route[-2:, :2]
+    along = (end - start) / np.linalg.norm(end - start)
+    across = np.array([-along[1], along[0]])
+    believed = np.stack([solution.north, solution.east], axis=1) - start
+    north, east = north_east(truth.latitude, truth.longitude, mission.place.latitude, mission.place.longitude)  # type: ignore[arg-type]
+    true = np.stack([north, east], axis=1) - start
+    late = (believed @ along > 80.0) & (believed @ along < 140.0)
+    assert np.abs(believed[late] @ across).max() < 1.5
+    assert np.abs(true[late] @ across).min() > 3.0
+
+
+def test_another_run_sails_another_way() -> None:
+    first, other, truly = (log.truth for log in (loop(), drawn(short(), 1), drawn(replace(short(), steer_by="truth"), 0)))
+    for one in (other, truly):
+        assert one is not None
+        assert first is not None
+        rows = min(len(first), len(one))
+        assert np.abs(first.latitude[:rows] - one.latitude[:rows]).max() * 6.4e6 > 0.05  # type: ignore[index]
+
+
+def test_a_run_is_reproducible_to_the_bit() -> None:
+    again = drawn(short(), 0)
+    for name, table in loop().tables.items():
+        for column in table.columns():
+            a, b = getattr(table, column.name), getattr(again[name], column.name)
+            assert (a is None) == (b is None)
+            if a is not None:
+                assert np.array_equal(a, b, equal_nan=not column.metadata["text"]), (name, column.name)
+
+
+def test_lasting_errors_are_drawn_once() -> None:
+    """Pieces of a settled instrument share their bias and scale; their spread over many dives is the sigma that was stated."""
+    depth = Depth(rate=1.0, bias=Drift(turn_on=0.3))
+    time = np.arange(5.0)
+    drawn_values = []
+    for seed in range(300):
+        generator = np.random.default_rng(seed)
+        still = settled(depth, "depth", 100.0, generator)
+        one, two = (still.bias.draw(time + 20.0 * k, 1, generator)[:, 0] for k in (0, 1))
+        assert one == pytest.approx(two)
+        drawn_values.append(one[0])
+    assert np.std(drawn_values) == pytest.approx(0.3, rel=0.12)  # three standard errors of a sigma of 300
+    scales = [settled(Dvl(rate=1.0, sigma_scale=0.01), "dvl", 10.0, np.random.default_rng(s)).scale for s in range(300)]
+    assert np.std(scales) == pytest.approx(0.01, rel=0.12)
+    tilts = [settled(Dvl(rate=1.0, sigma_mounting=0.01), "dvl", 10.0, np.random.default_rng(s)).mounting_bs for s in range(300)]
+    assert np.std(tilts, axis=0) == pytest.approx(0.01, rel=0.2)
+    wander = settled(Depth(rate=1.0, bias=Drift(steady=0.5, tau=30.0)), "depth", 5000.0, np.random.default_rng(1))
+    series = wander.bias.draw(np.arange(0.0, 5000.0, 1.0), 1, np.random.default_rng(2))[:, 0]
+    assert np.std(series) == pytest.approx(0.5, rel=0.3)  # 83 independent values
+
+
+def test_what_cannot_be_settled_is_refused() -> None:
+    imu = Imu(rate=100.0, gyro_axes=Triad(sigma_misalignment=0.001))
+    with pytest.raises(InputError, match="misalignment that is drawn once"):
+        settled(imu, "imu", 10.0, np.random.default_rng(0))
+
+
+def test_a_delay_of_the_navigator_is_felt() -> None:
+    """A pilot that hears of the past steers worse: with three seconds of delay the vehicle weaves about its line."""
+    late, _ = sail_by_estimate(replace(short(), delay=3.0), 5)
+    prompt, _ = sail_by_estimate(short(), 5)
+    weave = [np.std(np.concatenate(v.moved)[400:1100, 1]) for v in (late, prompt)]  # the rudder
+    assert weave[0] > 1.2 * weave[1]
