@@ -40,8 +40,9 @@ def write_table(table: Table, file: Path) -> None:
     from pyarrow import parquet
 
     columns = pa.table({name: pa.array(np.ascontiguousarray(value)) for name, value in file_columns(table).items()})
-    if file.suffix == ".parquet":
-        parquet.write_table(columns, file)
+    if file.suffix == ".parquet":  # numbers hardly repeat: a dictionary of them takes longer to make, and to store
+        words = [column.name for column in columns.schema if pa.types.is_string(column.type)]
+        parquet.write_table(columns, file, use_dictionary=words)
         return
     with file.open("w", encoding="utf-8", newline="") as out:
         csv.writer(out, lineterminator="\n").writerow(columns.column_names)

@@ -12,6 +12,7 @@ from leadline.sea.flow import level
 from leadline.simulate import steering
 from leadline.simulate.dense import ACCELERATION, GROWTH, POSITION, QUATERNION, RATE, VELOCITY
 from leadline.simulate.dynamics import ACTUATORS, NU, advance, derivative
+from leadline.simulate.places import geodetic
 
 TICK, STEPS = 0.1, 5  # s between looks of the pilot; steps of the integrator between two
 PATIENCE = 300.0  # s without getting on, or off the depth, after which a voyage is given up
@@ -40,18 +41,9 @@ def where(x, y, z, frame):
     c = frame[3], frame[4], frame[5], frame[6], frame[7], frame[8], frame[9], frame[10], frame[11]
     moved = rotation.turn(c, (x, y, z))
     ex, ey, ez = frame[0] + moved[0], frame[1] + moved[1], frame[2] + moved[2]
-    reach, ratio = math.sqrt(ex * ex + ey * ey), 1 - FLATTENING
-    p = math.atan2(ez, ratio * reach)
-    latitude = p
-    for _ in range(3):  # Bowring, 1976
-        s, k = math.sin(p), math.cos(p)
-        up, out = ECCENTRICITY_2 / ratio * SEMI_MAJOR_AXIS * s * s * s, ECCENTRICITY_2 * SEMI_MAJOR_AXIS * k * k * k
-        latitude = math.atan2(ez + up, reach - out)
-        p = math.atan2(ratio * math.sin(latitude), math.cos(latitude))
+    latitude, longitude, height = geodetic(ex, ey, ez)
     s, k = math.sin(latitude), math.cos(latitude)
     root = math.sqrt(1 - ECCENTRICITY_2 * s * s)
-    height = reach * k + ez * s - SEMI_MAJOR_AXIS * root
-    longitude = math.atan2(ey, ex)
     gap = (longitude - frame[14] + math.pi) % (2 * math.pi) - math.pi
     return arc_of(latitude) - frame[15], SEMI_MAJOR_AXIS / root * k * gap, height, latitude, longitude
 

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from leadline.core.geodesy import EARTH_RATE, ecef_from_geodetic, geodetic_from_ecef, north_east, rotation_en
+from leadline.core.geodesy import EARTH_RATE, ecef_from_geodetic, north_east, rotation_en
 from leadline.data.records import Truth
 from leadline.sea.water import CALM, Water
 from leadline.simulate.gravity import gravity
+from leadline.simulate.places import geodetic_of, local
 from leadline.simulate.vectors import cross, turned, turned_back
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Kinematics:
     @cached_property
     def geodetic(self) -> tuple[Array, Array, Array]:
         """Latitude, longitude (rad) and height above the ellipsoid (m)."""
-        return geodetic_from_ecef(self.position_e)
+        return geodetic_of(self.position_e)
 
     @property
     def depth(self) -> Array:
@@ -145,8 +146,7 @@ class Kinematics:
     @property
     def rotation_nb(self) -> Array:
         """Rotation from body to north-east-down at the point itself."""
-        rotation_et = self.place.rotation_et
-        return np.asarray(np.swapaxes(rotation_en(*self.geodetic[:2]), -1, -2) @ rotation_et @ self.rotation_tb)
+        return local(*self.geodetic[:2], self.rotation_eb)
 
     @property
     def velocity_n(self) -> Array:
