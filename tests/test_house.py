@@ -209,6 +209,7 @@ def test_what_is_public_says_what_it_is(file: Path) -> None:
 
 LONGEST_FUNCTION, LONGEST_FILE = 60, 400
 LONG_FILES = {
+    "cli.py": "all commands on one page: arguments in, one call, what is printed",
     "data/records.py": "the schema: one table type per kind, all on one page",
 }
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, help="Navigation for underwater vehicles.")
 vehicle_app = typer.Typer(help="Make and check vehicle files.")
 app.add_typer(vehicle_app, name="vehicle")
-calibrate_app = typer.Typer(help="Calibrate instruments from logs.")
+calibrate_app = typer.Typer(help="Calibrate instruments and vehicles from logs.")
 app.add_typer(calibrate_app, name="calibrate")
 
 LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="Folder of a log (log.toml and one table per sensor).")]
@@ -135,6 +135,30 @@ def solve(
 
 
 @app.command()
+def simulate(
+    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="Mission file (TOML).")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where to write the log.")],
+    seed: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Which run of the mission: another has other noise, not another truth.")
+    ] = 0,
+    csv: Annotated[bool, typer.Option("--csv", help="Write tables as CSV instead of Parquet.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a dive: vehicle, sea, instruments and faults of a mission file become a log with truth."""
+    with _progress("sailing", "sailing") as tell:
+        from leadline.missions.simulation import simulate_folder
+
+        found, log = simulate_folder(mission, out, seed, parquet=not csv, progress=tell)
+    from leadline.report.simulation import summary, text
+
+    if as_json:
+        _print_json(summary(log, found.vehicle.name, found.hull.name, seed))
+        return
+    _print_rich(text(log, found.vehicle.name, found.hull.name, seed))
+    print(f"log: {out}")
+
+
+@app.command()
 def inspect(log: LogPath, as_json: AsJson = False) -> None:
     """Look a log over: rates, gaps, duplicates, clock jumps, held values, ranges, suspicions of unit and axis."""
     from leadline.data.inspection import inspect as look
@@ -197,6 +221,25 @@ def export(
         raise InputError(out, "is there already", "name a new file")
     count = write(read_solution(solution), out, name, every=every, scale=time)
     print(f"{name}: {out}   states: {count}")
+
+
+@app.command("report")
+def report_log(
+    log: LogPath,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where to write the page (HTML), a new file.")],
+    solution: Annotated[
+        list[Path] | None, typer.Option(metavar="DIR", help="Solution to draw as well; may be given several times.")
+    ] = None,
+    chart: Annotated[Path | None, typer.Option(metavar="FILE", help="Chart of the ground; else chart.asc in the log.")] = None,
+    positive: Annotated[str, typer.Option(metavar="down|up", help="Whether the chart holds depths or heights.")] = "down",
+    vehicle: Annotated[Path | None, typer.Option(metavar="FILE", help="Vehicle file that says how instruments are mounted.")] = None,
+) -> None:
+    """Draw a log, real or simulated: the dive in three dimensions, and what the log holds over time."""
+    with _progress("reading", "drawing") as tell:
+        from leadline.missions.reporting import report_folder
+
+        report_folder(log, out, solutions=solution or (), chart=chart, positive=positive, vehicle=vehicle, progress=tell)
+    print(f"report: {out}")
 
 
 @vehicle_app.command("new")
@@ -338,7 +381,7 @@ def _loading() -> str:
 
 
 @contextlib.contextmanager
-def _progress(message: str) -> Iterator[Callable[[float], None]]:
+def _progress(message: str, doing: str = "solving") -> Iterator[Callable[[float], None]]:
     """Show on standard error, where a person sits there, that work goes on; yields what to call with the fraction done."""
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -348,7 +391,7 @@ def _progress(message: str) -> Iterator[Callable[[float], None]]:
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(message, total=None)
-        yield lambda fraction: bar.update(task, description="solving", total=1.0, completed=fraction)
+        yield lambda fraction: bar.update(task, description=doing, total=1.0, completed=fraction)
 
 
 if __name__ == "__main__":

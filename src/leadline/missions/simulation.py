@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from leadline.missions.mission import Mission
     from leadline.simulate.voyage import Voyage
 
-CHART = "chart.asc"  # name of the ground in the folder of a log
+CHART, MISSION = "chart.asc", "mission.toml"  # names of the ground and of the mission in the folder of a log
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +74,17 @@ def simulate_folder(
 ) -> tuple[Mission, Log]:
     """Simulate a mission file and write the folder of its log; returns both.
 
-    With a ground there is also its chart, `chart.asc`.  Raises InputError, before anything is written, for a wrong mission file or place.
+    Beside its tables lie the mission file, `mission.toml`, and with a ground its chart, `chart.asc`.  Raises InputError, before anything
+    is written, for a wrong mission file or place.
     """
     mission = read_mission(path)
     check_place(out, "log.toml")
     log = drawn(mission, number, progress)
-    chart = mission.sea.chart
-    write_log(log, out, parquet=parquet, beside=None if chart is None else lambda folder: write_chart(chart, folder / CHART))
+
+    def beside(folder: Path) -> None:
+        (folder / MISSION).write_text(mission.path.read_text("utf-8"), "utf-8")
+        if mission.sea.chart is not None:
+            write_chart(mission.sea.chart, folder / CHART)
+
+    write_log(log, out, parquet=parquet, beside=beside)
     return mission, log

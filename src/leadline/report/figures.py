@@ -186,11 +186,17 @@ def _heading_panel(heading: Array, sigma: Array, time: Array, clock: Clock, most
     known = np.isfinite(heading)
     turned = np.full(len(heading), np.nan)
     turned[known] = np.unwrap(heading[known]) * DEGREE
-    low, high = (np.floor(np.nanmin(turned) / 90.0), np.ceil(np.nanmax(turned) / 90.0)) if known.any() else (0.0, 4.0)
+    ticks = heading_ticks(turned)
+    return Panel("heading (°, counted on across north)", with_band(clock, time, turned, sigma, most), ticks=ticks)
+
+
+def heading_ticks(turned: Array) -> tuple[list[float], list[str]]:
+    """Return where ticks stand on an axis of headings (degrees, counted on across north), and their names within a turn."""
+    known = np.isfinite(turned).any()
+    low, high = (np.floor(np.nanmin(turned) / 90.0), np.ceil(np.nanmax(turned) / 90.0)) if known else (0.0, 4.0)
     step = max(1.0, np.ceil((high - low) / 8.0))
     ticks = 90.0 * np.arange(low, high + 1.0, step)
-    names = [f"{tick % 360:.0f}" for tick in ticks]
-    return Panel("heading (°, counted on across north)", with_band(clock, time, turned, sigma, most), ticks=(ticks.tolist(), names))
+    return ticks.tolist(), [f"{tick % 360:.0f}" for tick in ticks]
 
 
 def angle_sigma(solution: Solution) -> Array:

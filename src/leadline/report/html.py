@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from leadline.assess.consistency import Answer
 from leadline.assess.usage import finite
 from leadline.report import figures, judged, tables
 from leadline.report.drawing import clock_of, points_per_line
+from leadline.report.page import Banner, Section, page_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
     from leadline.assess.assessment import Assessment
     from leadline.assess.consistency import Verdict
     from leadline.data.records import Truth
     from leadline.data.solution import Solution
-    from leadline.report.drawing import Clock, Figure
-    from leadline.report.tables import Grid
+    from leadline.report.drawing import Clock
 
 SIGNS = {Answer.CONSISTENT: "✓", Answer.INCONSISTENT: "✕", Answer.TOO_FEW: "?"}
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with a sentence, figures (title, figure) and tables."""
-
-    key: str
-    title: str
-    text: str = ""
-    figures: Sequence[tuple[str, Figure]] = ()
-    grids: Sequence[Grid] = ()
+FOOT = (
+    "Positions are those of the reported point; north-east-down; angles in degrees, heading clockwise from true north.\n"
+    "Long series are thinned for drawing: lines keep their extremes, points every k-th."
+)
 
 
 def write_report(
@@ -53,23 +43,17 @@ def write_report(
 
 def report_page(solution: Solution, *, assessment: Assessment, truth: Truth | None = None, log_name: str | None = None) -> str:
     """Return the report as the text of an HTML page."""
-    from leadline import __version__
-
     solution = finite(solution)
-    sections = list(_sections(solution, assessment, truth))
-    return str(
-        _template().render(
-            name=log_name or solution.summary.get("name") or "Solution",
-            epoch=f"{solution.epoch:%Y-%m-%d %H:%M:%S} UTC",
-            version=__version__,
-            verdict=assessment.verdict,
-            words=_without_answer(assessment.verdict),
-            sign=SIGNS[assessment.verdict.answer],
-            headlines=tables.headlines(assessment),
-            sections=sections,
-            figure_json=_figure_json,
-            plotly=_plotly(),
-        )
+    verdict = assessment.verdict
+    words, first = _without_answer(verdict), len(verdict.first)
+    answer = verdict.answer
+    return page_of(
+        log_name or solution.summary.get("name") or "Solution",
+        f"Navigation report · counted from {solution.epoch:%Y-%m-%d %H:%M:%S} UTC",
+        tables.headlines(assessment),
+        list(_sections(solution, assessment, truth)),
+        FOOT,
+        Banner(answer.value, SIGNS[answer], answer.name.lower(), words[:first], words[first:]),
     )
 
 
@@ -152,27 +136,3 @@ def _without_answer(verdict: Verdict) -> list[str]:
     answer, colon, rest = body[0].partition(":")
     rest = rest.strip() if colon and answer.lower() in {a.value for a in Answer} else body[0]
     return [*first, *(line[:1].upper() + line[1:] if k == 0 else line for k, line in enumerate([rest, *body[1:]]) if line)]
-
-
-def _figure_json(figure: Figure) -> str:
-    """Return a figure as JSON that may stand inside a script element."""
-    body: dict[str, Any] = {"data": figure.data, "layout": figure.layout}
-    return json.dumps(body, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-@cache
-def _template() -> Any:
-    from importlib.resources import files
-
-    from jinja2 import Environment, StrictUndefined
-
-    source = files("leadline.report").joinpath("report.html.j2").read_text("utf-8")
-    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(source)
-
-
-@cache
-def _plotly() -> str:
-    """Return plotly's JavaScript, to be inlined once."""
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs()).replace("</script", "<\\/script")
