@@ -92,6 +92,7 @@ BORDER = {
     "data/vehicle_template.py": "keys of the vehicle file",
     "data/presets.toml": "keys of the vehicle file",
     "missions/mission_keys.py": "keys of the mission file",
+    "missions/warmup.py": "a mission file in small",
     "missions/mission.py": "keys of the mission file",
     "missions/sea_of.py": "keys of the mission file",
     "missions/equipment_keys.py": "keys of the mission file",

@@ -291,10 +291,11 @@ def test_a_mission_that_is_not_there(tmp_path: Path) -> None:
         read_mission(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.toml")), ids=lambda p: str(p.relative_to(ROOT)))
+MISSIONS = [path for path in sorted(ROOT.rglob("*.toml")) if path.parent.name != "vehicles"]
+
+
+@pytest.mark.parametrize("path", MISSIONS, ids=lambda p: str(p.relative_to(ROOT)))
 def test_every_mission_that_comes_along_can_be_read(path: Path) -> None:
-    if path.parent.name in ("vehicles", "hulls"):
-        pytest.skip("no mission")
     mission = read_mission(path)
     mission.voyage()  # whose hull can follow its plan
     assert mission.note or path.parent.name != "papers"

@@ -323,6 +323,30 @@ def calibrate_dvl(
     print(text.rstrip() if out is None else f"fragment: {out}")
 
 
+@calibrate_app.command("vehicle")
+def calibrate_vehicle(
+    log: LogPath,
+    hull: Annotated[str, typer.Option("--hull", metavar="NAME|FILE", help="Hull to start from: its mass and geometry are taken.")],
+    vehicle: Annotated[Path | None, typer.Option(metavar="FILE", help="Vehicle file that says how instruments are mounted.")] = None,
+    solution: Annotated[Path | None, typer.Option(metavar="DIR", help="Solution of the log: its velocity and attitude are taken.")] = None,
+    density: Annotated[float, typer.Option(metavar="KGPM3", help="Of the water.")] = 1025.0,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to write the hull file; else it is printed.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Drag, speed per rps, thrust of each thruster and buoyancy of a hull from a log of it, as a hull file."""
+    with _progress("calibrating", "calibrating") as tell:
+        from leadline.missions.vehicle_calibration import vehicle_from_folders
+
+        found, text = vehicle_from_folders(log, hull, vehicle, solution, out, tell, density=density)
+    if as_json:
+        _print_json({"hull_file": text, **found.to_dict()})
+        return
+    from leadline.report.vehicle_calibration import vehicle_text
+
+    _print_rich(vehicle_text(found))
+    print(text.rstrip() if out is None else f"hull file: {out}")
+
+
 @app.command()
 def tune(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Folders of logs.")],

@@ -1,16 +1,22 @@
-"""Compile what can be compiled, by using it: a few seconds of a simulated dive through filter, smoother, live navigator and budget."""
+"""Compile what can be compiled, by using it: a few seconds of a simulated dive through filter, smoother, live navigator and budget.
+
+And a few seconds of a mission, in a sea with everything in it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
+from tempfile import TemporaryDirectory
 
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.as_live import solve_as_live
 from leadline.estimate.budget import budget
 from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
+from leadline.missions.simulation import simulate_folder
 from leadline.models import sensors
 from leadline.simulate.dive import Recorder
 from leadline.simulate.plans import straight
@@ -37,6 +43,55 @@ rate_hz = 5.0
 sigma_m = 0.1
 """
 
+MISSION = """
+name = "warmup"
+vehicle = "vehicle.toml"
+hull = "rexrov"
+epoch = 2025-01-01T00:00:00Z
+duration_s = 3.0
+[origin]
+latitude_deg = 40.0
+longitude_deg = 5.0
+[start]
+depth_m = 3.0
+[sea]
+sound = [{ depth_m = 0.0, speed_mps = 1520.0 }, { depth_m = 40.0, speed_mps = 1505.0 }]
+current.north_mps = 0.1
+waves = { height_m = 0.2, period_s = 4.0 }
+terrain.plane = { depth_m = 30.0 }
+tides = [{ amplitude_m = 0.1 }]
+[plan]
+speed_mps = 0.4
+altitude_m = 20.0
+[[plan.legs]]
+shape = "waypoints"
+through_m = [[20.0, 0.0]]
+[beacons.one]
+north_m = 30.0
+east_m = 5.0
+depth_m = 20.0
+[instruments.imu]
+gyro_bias = { flicker_deg_per_h = 1.0 }
+[instruments.swath]
+kind = "swath"
+rate_hz = 1.0
+beams = 4
+[instruments.ahrs]
+kind = "attitude"
+rate_hz = 2.0
+tilt_gain = 1.0
+[instruments.fog]
+kind = "yaw_rate"
+rate_hz = 2.0
+lag_s = 0.1
+[instruments.pressure]
+kind = "pressure"
+rate_hz = 1.0
+[instruments.usbl]
+kind = "usbl"
+rate_hz = 1.0
+"""
+
 
 def warm_up() -> None:
     """Import every sensor model, and run what is compiled on first use."""
@@ -48,3 +103,8 @@ def warm_up() -> None:
         solve(log, vehicle, rate=1.0, smooth=True)
         solve_as_live(log, vehicle, rate=1.0)
         budget(log, vehicle)
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        (place / "vehicle.toml").write_text(VEHICLE, "utf-8")
+        (place / "mission.toml").write_text(MISSION, "utf-8")
+        simulate_folder(place / "mission.toml", place / "log")
