@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 def write_short_dive(place: Path) -> None:
-    """Write the log `dive`, and beside it `vehicle.toml` and the examples."""
+    """Write the log `dive`, and beside it `vehicle.toml`, the examples and the missions."""
     sys.path.insert(0, str(EXAMPLES))
     try:
         import synthetic_dive as example
@@ -30,3 +30,4 @@ def write_short_dive(place: Path) -> None:
     write_log(log, place / "dive")
     shutil.copy(EXAMPLES / "synthetic.toml", place / "vehicle.toml")
     shutil.copytree(EXAMPLES, place / "examples", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(EXAMPLES.parent / "missions", place / "missions")

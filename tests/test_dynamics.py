@@ -89,7 +89,7 @@ def lag_rates(hull: Hull, x: Array, command: Array) -> Array:
 
 def strips(hull: Hull) -> list[Array]:
     """Middles of five equal parts of the hull's length, about the centre of buoyancy."""
-    return [hull.buoyancy_centre_b + [hull.length * share, 0.0, 0.0] for share in (-0.4, -0.2, 0.0, 0.2, 0.4)]
+    return [hull.buoyancy_centre_b + np.array([hull.length * share, 0.0, 0.0]) for share in (-0.4, -0.2, 0.0, 0.2, 0.4)]
 
 
 def twin(time: float, x: Array, command: Array, hull: Hull, site: Array, water: Array) -> Array:

@@ -8,7 +8,7 @@ rotation and one fixed origin alone; so a wrong sign in a navigator cannot cance
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from leadline.data.records import Array
+
+
+KEPT = 1_000_000  # most moments whose kinematics are kept for the next who asks
 
 
 class Motion(NamedTuple):
@@ -143,7 +146,7 @@ class Kinematics:
         north, east = self.north_east
         return self.place.water.velocity_n(self.time, north, east, self.chart_depth)
 
-    @property
+    @cached_property
     def rotation_nb(self) -> Array:
         """Rotation from body to north-east-down at the point itself."""
         return local(*self.geodetic[:2], self.rotation_eb)
@@ -181,11 +184,17 @@ class Trajectory:
     place: Place
     law: Law
     duration: float
+    last: list[Kinematics] = field(default_factory=list, compare=False, repr=False)  # asked for by several instruments of one rate
 
     def at(self, time: ArrayLike) -> Kinematics:
         """Return the kinematics of the body origin at times (s), in any order."""
         when = np.atleast_1d(np.asarray(time, float))
-        return Kinematics(when, self.place, *self.law(when))
+        if self.last and np.array_equal(self.last[0].time, when):
+            return self.last[0]
+        found = Kinematics(when.copy(), self.place, *self.law(when))
+        if len(when) <= KEPT:
+            self.last[:] = [found]
+        return found
 
     def truth(self, time: ArrayLike) -> Truth:
         """Return the table of truth at times (s): position, depth, height, angles and velocity over ground."""
