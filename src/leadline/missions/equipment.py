@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
+from leadline.core.attitude import euler_from_quaternion, quaternion_from_matrix
 from leadline.data.errors import InputError, suggestion
+from leadline.data.vehicle_keys import shown
 from leadline.missions.equipment_keys import fields_of, with_keys
 from leadline.missions.instruments import instruments_of
 from leadline.simulate import instruments as simulated
@@ -22,6 +24,7 @@ from leadline.simulate.usbl import ShortBaseline, Usbl, UsblFix
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from leadline.data.vehicle import SensorConfig
     from leadline.missions.mission import Mission
     from leadline.simulate.instrument import Instrument
     from leadline.simulate.voyage import Voyage
@@ -48,27 +51,32 @@ def equip(mission: Mission, voyage: Voyage) -> dict[str, Instrument[Any]]:
     rates = {name: float(own["rate_hz"]) for name, own in mission.instruments.items() if isinstance(own.get("rate_hz"), (int, float))}
     found = instruments_of(mission.vehicle, rates, mission.beacons, mission.epoch)
     for name, instrument in found.items():
-        config = mission.vehicle[name]
-        own = config.written.get("simulated", {})
-        found[name] = with_keys(instrument, config.kind, own, f"{mission.vehicle.path}: sensors.{name}.simulated")
+        aboard = mission.vehicle[name]
+        own = aboard.written.get("simulated", {})
+        found[name] = with_keys(instrument, aboard.kind, own, f"{mission.vehicle.path}: sensors.{name}.simulated")
     for name, raw in mission.instruments.items():
         where = f"{mission.path}: instruments.{name}"
-        if name in found:
-            kind = str(raw.get("kind", mission.vehicle[name].kind))
-            found[name] = with_keys(found[name], kind, raw, where)
-        else:
-            found[name] = _made(raw, where, mission, machinery)
-    return {name: _looking(instrument, name, mission, machinery) for name, instrument in found.items()}
+        if not isinstance(raw.get("aboard", True), bool):
+            raise InputError(f"{where}.aboard", shown(raw["aboard"]), "true or false")
+        config = mission.vehicle.sensors.get(name)
+        if name in found and config is not None and raw.get("kind", config.kind) == config.kind:
+            found[name] = with_keys(found[name], config.kind, raw, where)
+        elif raw.get("aboard", True):
+            found[name] = _made(raw, where, mission, machinery, config)
+    kept = {name: one for name, one in found.items() if mission.instruments.get(name, {}).get("aboard", True)}
+    return {name: _looking(instrument, name, mission, machinery) for name, instrument in kept.items()}
 
 
-def _made(raw: Mapping[str, Any], where: str, mission: Mission, machinery: Machinery) -> Instrument[Any]:
-    """Return an instrument that the vehicle file does not have."""
-    kind = raw.get("kind")
+def _made(
+    raw: Mapping[str, Any], where: str, mission: Mission, machinery: Machinery, config: SensorConfig | None = None
+) -> Instrument[Any]:
+    """Return an instrument that is not simulated from the vehicle file; if that speaks of it, it says where it sits, and its rate."""
+    kind = raw.get("kind", None if config is None else config.kind)
     if not isinstance(kind, str) or kind not in CLASSES:
         found = "has no 'kind', and the vehicle file has no such sensor" if kind is None else f"the kind '{kind}' is not known"
         raise InputError(where, found, suggestion(str(kind), CLASSES))
     made = CLASSES[kind]
-    values = fields_of(made, kind, raw, where)
+    values = ({} if config is None else _seat(config)) | fields_of(made, kind, raw, where)
     needed = {"rate"} if kind != "short_baseline" else set()
     if not needed <= set(values):
         raise InputError(where, "has no 'rate_hz'", "give it")
@@ -86,6 +94,16 @@ def _made(raw: Mapping[str, Any], where: str, mission: Mission, machinery: Machi
     if made is simulated.SoundProfileCast:
         given["depths"] = tuple(float(z) for z in mission.sea.sound.depth) if mission.sea.sound is not None else ()
     return made(**values, **given, **_partners(made, raw, where, mission))
+
+
+def _seat(config: SensorConfig) -> dict[str, Any]:
+    """Return where an instrument of the vehicle file sits, and its rate where it has one."""
+    angles = euler_from_quaternion(quaternion_from_matrix(config.rotation_bs))
+    seat: dict[str, Any] = {
+        "lever_arm_b": tuple(map(float, config.lever_arm_b)), "mounting_bs": tuple(float(angle) for angle in angles),
+    }  # fmt: skip
+    rate = config.values.get("rate")
+    return seat | ({} if rate is None else {"rate": float(rate)})
 
 
 def _partners(made: type[Instrument[Any]], raw: Mapping[str, Any], where: str, mission: Mission) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
-from hashlib import blake2b
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,6 +34,7 @@ from leadline.data.solution import Innovations
 from leadline.estimate.solve import solve
 from leadline.missions.bound import bound_of
 from leadline.missions.instruments import instruments_of
+from leadline.missions.seeds import seed_of
 from leadline.simulate.dive import Recorder, StartSigmas
 
 if TYPE_CHECKING:
@@ -162,11 +162,6 @@ def innovations_of_groups(groups: Groups) -> Innovations:
         sensor=empty, row=zero, group=np.arange(count), time=none, applied=none, component=empty, residual=none, sigma=none,
         nis=groups.nis, dof=groups.dof, gate_probability=groups.gate_probability, widened=np.zeros(count, bool), outcome=groups.outcome,
     )  # fmt: skip
-
-
-def seed_of(mission: str, run: int) -> int:
-    """Return the seed of a run of a mission."""
-    return int.from_bytes(blake2b(f"{mission}/{run}".encode(), digest_size=6).digest())
 
 
 def monte_carlo(

@@ -11,7 +11,7 @@ from leadline.formats.chart import write_chart
 from leadline.formats.folder import write_log
 from leadline.missions.equipment import equip
 from leadline.missions.mission import read_mission
-from leadline.missions.montecarlo import seed_of
+from leadline.missions.seeds import seed_of
 from leadline.simulate.dive import Recorder
 from leadline.simulate.faults import troubled
 
@@ -41,14 +41,14 @@ class Simulation:
         instruments = equip(mission, self.voyage)
         return Recorder(trajectory, instruments, truth_rate=mission.truth_rate, start=mission.start, name=mission.name, epoch=mission.epoch)
 
-    def healthy(self, number: int) -> Log:
-        """Return the log of run `number` before its faults."""
-        log = self.recorder.draw(seed_of(self.mission.name, number))
+    def healthy(self, number: int, *, keep: bool = True) -> Log:
+        """Return the log of run `number` before its faults; keep: for further runs."""
+        log = self.recorder.draw(seed_of(self.mission.name, number), keep=keep)
         return replace(log, vehicle=self.mission.vehicle.name)
 
-    def log(self, number: int) -> Log:
+    def log(self, number: int, *, keep: bool = True) -> Log:
         """Return the log of run `number`: every instrument and fault draws from a stream of mission, name and number."""
-        return troubled(self.healthy(number), self.mission.faults, seed_of(self.mission.name, number))
+        return troubled(self.healthy(number, keep=keep), self.mission.faults, seed_of(self.mission.name, number))
 
 
 def sailed(mission: Mission, progress: Callable[[float], None] | None = None) -> Simulation:
@@ -61,7 +61,7 @@ def sailed(mission: Mission, progress: Callable[[float], None] | None = None) ->
 def drawn(mission: Mission, number: int, progress: Callable[[float], None] | None = None) -> Log:
     """Return the log of run `number` of a mission, steered by truth or by the estimate of a navigator, as the mission says."""
     if mission.steer_by == "truth":
-        return sailed(mission, progress).log(number)
+        return sailed(mission, progress).log(number, keep=False)
     from leadline.missions.closed_loop import sail_by_estimate
 
     seed = seed_of(mission.name, number)

@@ -23,7 +23,8 @@ from leadline.data.records import Imu, Truth
 from leadline.estimate import as_live
 from leadline.estimate.output import solution_of
 from leadline.estimate.solve import navigator_for, solve
-from leadline.missions.montecarlo import Run, Study, compared, run_of, seed_of, spread, study_of
+from leadline.missions.montecarlo import Run, Study, compared, run_of, spread, study_of
+from leadline.missions.seeds import seed_of
 from leadline.simulate.faults import troubled
 
 if TYPE_CHECKING:

@@ -89,12 +89,13 @@ class Recorder:
                     raise InputError(name, f"beacon '{label}' is elsewhere than that of another instrument", "give it one place")
         return found
 
-    def draw(self, seed: int) -> Log:
-        """Return the log of one seed."""
+    def draw(self, seed: int, *, keep: bool = True) -> Log:
+        """Return the log of one seed; keep: what instruments saw without errors is kept for the next seed (it takes as much memory)."""
         if "truth" in self.instruments:
             raise InputError("instruments", "one is named 'truth'", "give it another name")
         tables = {
-            name: instrument.record(self._seen(name, seed), stream(seed, f"noise/{name}")) for name, instrument in self.instruments.items()
+            name: instrument.record(self._seen(name, seed, keep), stream(seed, f"noise/{name}"))
+            for name, instrument in self.instruments.items()
         }
         place = self.trajectory.place
         return Log(
@@ -107,14 +108,14 @@ class Recorder:
             beacons={name: self._surveyed(beacon, stream(seed, f"beacon/{name}")) for name, beacon in self.beacons.items()},
         )
 
-    def _seen(self, name: str, seed: int) -> Table:
+    def _seen(self, name: str, seed: int, keep: bool = True) -> Table:
         """Return the table of an instrument without errors, in the sea of a seed."""
         instrument = self.instruments[name]
         own = instrument.among(lambda what: what.drawn(self.length, stream(seed, f"sea/{what.name}")))
         if own is not instrument:
             seen: Table = own.ideal(self.trajectory, own.sampling(self.length, stream(seed, f"sampling/{name}")))
             return seen
-        return self.steady[name] if name in self.steady else self.ideal(name, seed)
+        return self.steady[name] if keep and name in self.steady else self.ideal(name, seed)
 
     def _surveyed(self, beacon: Beacon, generator: np.random.Generator) -> Beacon:
         """Return the beacon as the log states it: off its true place by the sigmas that it carries."""

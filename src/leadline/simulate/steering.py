@@ -65,6 +65,7 @@ def progress(nav, route, pilot, memory):
     n, e, time = nav[1], nav[2], nav[0]
     if memory[FIRST] == 0.0:
         memory[FIRST], memory[SEGMENT], memory[STAY_FROM], memory[DONE], memory[BEST_FROM] = 1.0, 1.0, -1e9, -1e9, time
+        memory[SPEED_WANTED] = max(nav[8] * math.cos(nav[7]) + nav[9] * math.sin(nav[7]), 0.0)
         memory[DEPTH_WANTED], memory[HEADING_WANTED], memory[DIVED], memory[HELD_NORTH], memory[HELD_EAST] = nav[3], nav[7], time, n, e
     while memory[DONE] < NEVER:
         k = int(memory[SEGMENT])
