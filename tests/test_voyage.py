@@ -248,6 +248,6 @@ def test_running_aground_ends_in_a_sentence() -> None:
 
 
 def test_a_depth_out_of_reach_ends_in_a_sentence() -> None:
-    plan = Plan((Waypoints(through=((1000.0, 0.0),), speed=0.8, depth=12.0),))
+    plan = Plan((Waypoints(through=((1000.0, 0.0),), speed=0.5, depth=12.0),))
     with pytest.raises(InputError, match="off its depth by more than 3 m for 300 s"):
-        Voyage(read_hull("yellowfin"), plan, PLACE, density=1040.0).run()
+        Voyage(read_hull("yellowfin"), plan, PLACE, density=1300.0).run()  # it floats with more than its thrusters push
