@@ -15,10 +15,17 @@ $(STAMP): pyproject.toml requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
+DEMO := build/demo
+ABOARD := --vehicle missions/vehicles/survey-auv.toml
+
 demo: $(STAMP)
-	$(BIN)/python examples/synthetic_dive.py build/demo/log
-	$(BIN)/leadline solve build/demo/log --vehicle examples/synthetic.toml --out build/demo/solution
-	@echo "open build/demo/solution/report.html"
+	rm -f $(DEMO)/mission.html
+	$(BIN)/leadline simulate missions/survey.toml --out $(DEMO)/log
+	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/solution
+	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/smoothed --smooth
+	$(BIN)/leadline assess $(DEMO)/smoothed --truth $(DEMO)/log
+	$(BIN)/leadline report $(DEMO)/log --solution $(DEMO)/solution --solution $(DEMO)/smoothed --out $(DEMO)/mission.html
+	@echo "open $(DEMO)/mission.html (the dive in three dimensions) and $(DEMO)/solution/report.html (how good the estimate is)"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -18,6 +18,7 @@ RUN = {
     "live.py": ["dive", "vehicle.toml", "30"],
     "own_sensor.py": [],
     "score_logs.py": ["--vehicle", "vehicle.toml", "dive"],
+    "simulate.py": ["missions/survey.toml", "2"],
     "synthetic_dive.py": ["made", "--seed", "2"],
 }
 
@@ -79,6 +80,19 @@ def test_own_sensor_stays_short() -> None:
 def test_synthetic_dive(place: Path) -> None:
     assert run(place, "synthetic_dive.py").startswith("made: imu 180001")
     assert leadline.read_log(place / "made").truth is not None
+
+
+def test_simulate(place: Path) -> None:
+    said = run(place, "simulate.py").splitlines()
+    assert said[0].startswith("survey: REMUS 100, ")
+    errors = [float(found[1]) for line in said[1:] if (found := re.search(r"^run \d: ([\d.]+) m rms, ", line))]
+    assert len(errors) == 2
+    assert errors[0] != errors[1]  # other noise
+    assert max(errors) < 3.0  # DVL, beacons and fixes of metres
+
+
+def test_simulate_stays_short() -> None:
+    assert len((EXAMPLES / "simulate.py").read_text().splitlines()) <= 60
 
 
 def test_score_logs(place: Path) -> None:
