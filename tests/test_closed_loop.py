@@ -20,6 +20,8 @@ from leadline.missions.mission import Mission, read_mission
 from leadline.missions.montecarlo import compared
 from leadline.missions.simulation import drawn
 from leadline.simulate.drift import Drift
+from leadline.simulate.faults import Outage
+from leadline.simulate.faults_of_values import StuckValue
 from leadline.simulate.instruments import Depth, Dvl, Imu, Triad
 from leadline.simulate.routes import Plan, Waypoints
 from leadline.simulate.settled import settled
@@ -125,3 +127,31 @@ def test_a_delay_of_the_navigator_is_felt() -> None:
     prompt, _ = sail_by_estimate(short(), 5)
     weave = [np.std(np.concatenate(v.moved)[400:1100, 1]) for v in (late, prompt)]  # the rudder
     assert weave[0] > 1.2 * weave[1]
+
+
+def test_the_navigator_aboard_meets_the_faults() -> None:
+    """A Doppler log lost for good and a depth sensor that sticks: the log has them, whatever pieces it was made of."""
+    lost = Outage(sensor="dvl", begin=40.0)
+    stuck = StuckValue(sensor="depth", begin=60.0)
+    log = drawn(replace(short(), faults=(lost, stuck)), 0)
+    dvl, depth = log["dvl"], log["depth"]
+    assert np.all(dvl.valid[dvl.time >= 40.0] == 0)  # type: ignore[index]
+    assert np.all(dvl.valid[dvl.time < 40.0] == 1)  # type: ignore[index]
+    held = depth.depth[depth.time >= 60.0]  # type: ignore[attr-defined]
+    assert np.ptp(held) == 0.0
+    assert held[0] == depth.depth[depth.time < 60.0][-1]  # type: ignore[attr-defined]  # across the pieces
+    assert not depth.extra
+
+
+def test_an_inertial_unit_cannot_be_stuck_on_the_way() -> None:
+    with pytest.raises(InputError, match="too many to remember"):
+        drawn(replace(short(), faults=(StuckValue(sensor="imu", begin=10.0),)), 0)
+
+
+def test_thrusters_tell_of_the_dive_and_not_of_a_rehearsal() -> None:
+    mission = replace(short(), instruments={"thrusters": {"kind": "thruster", "rate_hz": 5.0}})
+    voyage, log = sail_by_estimate(mission, 3)
+    time, moved = voyage.actuators()
+    table = log["thrusters"]
+    assert table.thruster[:, 0] == pytest.approx(np.interp(table.time, time, moved[:, 0]), abs=1e-9)  # type: ignore[attr-defined]
+    assert table.rudder == pytest.approx(np.interp(table.time, time, moved[:, 1]), abs=1e-9)  # type: ignore[attr-defined]

@@ -299,3 +299,33 @@ def test_every_mission_that_comes_along_can_be_read(path: Path) -> None:
     mission = read_mission(path)
     mission.voyage()  # whose hull can follow its plan
     assert mission.note or path.parent.name != "papers"
+
+
+def test_hydrophones_on_the_body_hear_a_difference(folder: Path) -> None:
+    """A beacon dead ahead: the aft hydrophone hears it later by the length between them."""
+    keys = '[instruments.pair]\nkind = "acoustic_range"\nrate_hz = 1.0\npath = "difference"\nreference = "fore"\n'
+    arms = "receivers_m = { fore = [1.0, 0, 0], aft = [-1.0, 0, 0] }\n"
+    edited(folder, "[instruments.swath]", keys + arms + "[instruments.swath]")
+    edited(folder, "sound = [", "sound_speed_mps = 1500.0\n# sound = [")
+    for name in ("cast", "svs"):
+        text = (folder / "mission.toml").read_text()
+        (folder / "mission.toml").write_text(re.sub(rf"\[instruments\.{name}\][^\[]*", "", text))
+    edited(folder, "depth_m = 25.0\nturnaround_s", "depth_m = 5.0\nturnaround_s")
+    table = sailed(read_mission(folder / "mission.toml")).log(0)["pair"]
+    late = table.travel_time[-5:]  # heading for the beacon's side by then
+    assert np.all(late > 0)
+    assert np.all(late < 2.0 / 1500.0)
+
+
+def test_what_is_not_aboard_leaves_nothing(folder: Path) -> None:
+    edited(folder, "[instruments.swath]", "[instruments.ranges]\naboard = false\n[instruments.swath]")
+    assert "ranges" not in sailed(read_mission(folder / "mission.toml")).log(0).tables
+
+
+def test_a_doppler_log_reckons_with_its_own_speed_of_sound_where_it_is_said_to(folder: Path) -> None:
+    """c_0 / c: in water of 1515 m/s one that reckons with 1400 shows velocities too small by 7.6 %."""
+    plain = sailed(read_mission(folder / "mission.toml"))
+    told = sailed(read_mission(edited(folder, "loss = 0.1", "sound_speed_mps = 1400.0")))
+    speeds = [np.nanmedian(np.linalg.norm(s.recorder.ideal("dvl").velocity, axis=1)[-20:]) for s in (plain, told)]
+    depth = plain.log(0).truth.depth[-1]  # type: ignore[union-attr, index]
+    assert speeds[1] / speeds[0] == pytest.approx(1400.0 / np.interp(depth, [0.0, 40.0], [1520.0, 1505.0]), rel=0.02)

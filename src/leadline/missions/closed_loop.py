@@ -14,13 +14,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.core.attitude import euler_from_quaternion
+from leadline.data.errors import InputError
+from leadline.data.log import Log
 from leadline.data.records import Imu, Table, after
 from leadline.estimate.output import solution_of
 from leadline.estimate.solve import navigator_for
-from leadline.missions.equipment import equip
+from leadline.missions.equipment import DRAWN, IDLE, equip
+from leadline.simulate import instruments as simulated
 from leadline.simulate.acoustics import Acoustic
 from leadline.simulate.dense import Dense
 from leadline.simulate.dive import Recorder, stream
+from leadline.simulate.faults import ClockJump
+from leadline.simulate.faults_of_values import StuckValue
+from leadline.simulate.machinery import Machinery
 from leadline.simulate.sailing import TICK
 from leadline.simulate.settled import settled
 from leadline.simulate.trajectory import Trajectory
@@ -29,10 +35,10 @@ from leadline.simulate.voyage import LEAD
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from leadline.data.log import Log
     from leadline.data.records import Array
     from leadline.estimate.navigator import Navigator
     from leadline.missions.mission import Mission
+    from leadline.simulate.faults import Fault
     from leadline.simulate.instrument import Instrument
     from leadline.simulate.voyage import Voyage
 
@@ -50,7 +56,9 @@ class Eye:
     moments: Array
     behind: float
     seed: int
+    faults: tuple[Fault, ...] = ()
     done: int = 0
+    healthy: Table | None = None  # all that it saw, where faults befall it that remember
     pieces: list[Table] = field(default_factory=list)
 
     def look(self, trajectory: Trajectory, now: float) -> Table | None:
@@ -62,12 +70,26 @@ class Eye:
         seen: Table = self.instrument.ideal(trajectory, self.moments[first:last])
         if first < self.done:
             seen = seen.select(seen.time > self.moments[self.done - 1])
-        table: Table = self.instrument.record(seen, stream(self.seed, f"piece/{self.name}/{self.done}")) if len(seen) else seen
-        self.done = last
+        if not len(seen):
+            self.done = last
+            return None
+        table: Table = self.instrument.record(seen, stream(self.seed, f"piece/{self.name}/{self.done}"))
+        table, self.done = self.befallen(table) if self.faults else table, last
         if not len(table):
             return None
         self.pieces.append(table)
         return table
+
+    def befallen(self, piece: Table) -> Table:
+        """Return a piece as the faults leave it; they are shown what came before, but for an inertial unit, of which there is too much."""
+        known = piece if self.healthy is None or isinstance(piece, Imu) else after(self.healthy, piece)
+        before, self.healthy = len(known) - len(piece), known
+        log = Log(self.name, {self.name: replace(known, sequence=np.arange(float(len(known))))})
+        for number, fault in enumerate(self.faults):
+            log = fault.apply(log, stream(self.seed, f"fault/{type(fault).__name__}/{self.name}/{number}/{self.done}"))
+        table = log.tables[self.name]
+        kept = table.select(np.asarray(table.sequence, float) >= before)
+        return kept if any(isinstance(fault, ClockJump) for fault in self.faults) else replace(kept, sequence=None)
 
     @property
     def instrument_remembers(self) -> bool:
@@ -98,8 +120,24 @@ def eyes_of(recorder: Recorder, mission: Mission, longest: float, seed: int) -> 
     for name, instrument in recorder.instruments.items():
         still = settled(instrument, name, longest, stream(seed, f"settled/{name}"))
         moments = still.sampling(longest, stream(seed, f"sampling/{name}"))
-        found.append(Eye(name, still, moments, REACH if isinstance(still, Acoustic) else 0.0, seed))
+        faults = tuple(fault for fault in mission.faults if fault.sensor == name)
+        if isinstance(still, simulated.Imu) and any(isinstance(fault, StuckValue) for fault in faults):
+            problem = f"stuck_value of '{name}': its rows are too many to remember where the vehicle steers by its estimate"
+            raise InputError(f"{mission.path}: faults", problem, "another sensor")
+        found.append(Eye(name, still, moments, REACH if isinstance(still, Acoustic) else 0.0, seed, faults))
     return sorted(found, key=lambda eye: eye.name == mission.vehicle.process.imu)
+
+
+def recent_of(parts: list[Array]) -> Array:
+    """Return the rows of the last minute, one each tick."""
+    found: list[Array] = []
+    rows = 0
+    for part in reversed(parts):
+        found.append(part)
+        rows += len(part)
+        if rows >= MEMORY / TICK:
+            break
+    return np.ascontiguousarray(np.concatenate(found[::-1]))
 
 
 @dataclass(eq=False)
@@ -126,17 +164,15 @@ class Helm:
                 progress(min(voyage.time / voyage.expected, 0.99))
         self.listen(voyage.time - TICK)
 
+    def machinery(self) -> Machinery:
+        """Return what thrusters and fins did in the last minute."""
+        recent = recent_of(self.voyage.moved)
+        time = np.asarray(TICK * (self.voyage.ticks - len(recent) + np.arange(len(recent))))
+        return Machinery.of(self.mission.hull, time, recent, idle=IDLE, drawn=DRAWN)
+
     def path(self) -> Trajectory:
         """Return the last minute of what was sailed."""
-        knots, needed = self.voyage.knots, int(MEMORY / TICK)
-        parts: list[Array] = []
-        rows = 0
-        for part in reversed(knots):
-            parts.append(part)
-            rows += len(part)
-            if rows >= needed:
-                break
-        recent = np.ascontiguousarray(np.concatenate(parts[::-1]))
+        recent = recent_of(self.voyage.knots)
         begin = TICK * (self.voyage.ticks - len(recent))
         return Trajectory(self.voyage.place, Dense(begin, TICK, recent), self.voyage.time)
 
@@ -144,6 +180,9 @@ class Helm:
         """Let all instruments look, hand over what has arrived, and ask the navigator."""
         path = self.path()
         for eye in self.eyes:
+            if getattr(eye.instrument, "machinery", None) is not None:
+                moved: dict[str, Any] = {"machinery": self.machinery()}
+                eye.instrument = replace(eye.instrument, **moved)
             table = eye.look(path, now)
             if table is not None and eye.name in self.mission.vehicle.sensors:
                 self.expect(eye.name, table)

@@ -125,7 +125,23 @@ def _partners(made: type[Instrument[Any]], raw: Mapping[str, Any], where: str, m
             if one not in known:
                 raise InputError(f"{where}.{key}", f"'{one}' is not known", suggestion(str(one), known))
         found[key] = {one: known[one] for one in wanted}
+    if "receivers_m" in raw:
+        found["receivers"] = _receivers(raw["receivers_m"], f"{where}.receivers_m", own)
     return found
+
+
+def _receivers(given: Any, where: str, own: set[str]) -> dict[str, tuple[float, ...]]:
+    """Return hydrophones of an instrument by name: their lever arms (m)."""
+    if "receivers" not in own:
+        raise InputError(where, "is no key of this kind", "an acoustic_range has it")
+    right = "a table of lever arms, such as { fore = [0.5, 0.0, 0.0], aft = [-0.5, 0.0, 0.0] }"
+    if not isinstance(given, dict) or not all(_is_arm(arm) for arm in given.values()):
+        raise InputError(where, shown(given), right)
+    return {name: tuple(map(float, arm)) for name, arm in given.items()}
+
+
+def _is_arm(arm: Any) -> bool:
+    return isinstance(arm, list) and len(arm) == 3 and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in arm)
 
 
 def _looking(instrument: Instrument[Any], name: str, mission: Mission, machinery: Machinery) -> Instrument[Any]:
@@ -144,6 +160,15 @@ def _looking(instrument: Instrument[Any], name: str, mission: Mission, machinery
     ):
         given["profile"] = mission.sea.sound
     raw = mission.instruments.get(name, {})
+    if isinstance(instrument, simulated.Dvl) and mission.sea.sound is not None and _reckons(name, raw, mission):
+        given["profile"] = mission.sea.sound
     if isinstance(instrument, simulated.AcousticRange) and name in mission.vehicle.sensors and {"beacons", "platforms"} & set(raw):
         given |= _partners(type(instrument), raw, f"{mission.path}: instruments.{name}", mission)
     return replace(instrument, **given) if given else instrument
+
+
+def _reckons(name: str, raw: Mapping[str, Any], mission: Mission) -> bool:
+    """Whether a Doppler log is said to reckon with a speed of sound of its own: then it is off where the water has another."""
+    config = mission.vehicle.sensors.get(name)
+    stated = {} if config is None else config.written.get("simulated", {})
+    return "sound_speed_mps" in raw or "sound_speed_mps" in stated

@@ -125,7 +125,7 @@ def fields_of(made: type[Instrument[Any]], kind: str, raw: Mapping[str, Any], wh
     known = {_key(name, unit, own[name]): name for name, unit in units.items()}
     found = {}
     for key, value in raw.items():
-        if key in ("kind", "aboard", "platforms", "beacons", "transducers"):
+        if key in ("kind", "aboard", "platforms", "beacons", "transducers", "receivers_m"):
             continue
         if key not in known:
             raise InputError(f"{where}.{key}", f"is no key of an instrument of kind '{kind}'", suggestion(key, known))

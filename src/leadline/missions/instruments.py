@@ -227,6 +227,7 @@ def _first(drift: Drift, count: int) -> Drift:
 def _dvl(config: SensorConfig, rate: float, around: Around) -> Doppler:
     sigma = config.values.get("altitude_sigma")
     below: dict[str, Any] = {} if sigma is None else {"seabed": around.seabed, "sigma_altitude": sigma}
+    below["phased"] = bool(config.value("phased_array", False))
     return Doppler(**_doppler(config, rate, around), **below)
 
 

@@ -190,11 +190,11 @@ def _through(found: dict[str, Any], home: tuple[float, float], where: str) -> tu
 
 
 def _platform(given: keys.Platform, place: Place) -> Moving:
-    """Return a ship or a buoy: along its points at its speed, then on the spot; or drifting from one point."""
+    """Return a ship or a buoy: along its points at its speed, and on beyond the last; or drifting from one point."""
     points = np.array(given.through_m, float)
     latitude, longitude = (float(v) for v in from_north_east(points[0, 0], points[0, 1], place.latitude, place.longitude))
     at = Place(latitude, longitude, given.depth_m, place.surface_height)
-    sway = Sway((given.roll_deg * DEGREE, given.period_s), (0.5 * given.roll_deg * DEGREE, given.period_s), (given.sway_m, given.period_s))
+    sway = Sway((given.roll_deg * DEGREE, given.period_s), (0.5 * given.roll_deg * DEGREE, given.period_s), (given.heave_m, given.period_s))
     if len(points) == 1:
         drift = Steady(given.drift_north_mps, given.drift_east_mps, given.heading_deg * DEGREE)
         return Moving(motion=drift, place=at, waves=sway, turnaround=given.turnaround_s)

@@ -277,7 +277,7 @@ class Platform(Keys):
     heading_deg: Finite = 0.0
     depth_m: Finite = 0.0
     turnaround_s: NotNegative = 0.0
-    sway_m: NotNegative = 0.0
+    heave_m: NotNegative = 0.0
     roll_deg: NotNegative = 0.0
     period_s: Positive = 8.0
 

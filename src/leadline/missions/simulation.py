@@ -64,9 +64,7 @@ def drawn(mission: Mission, number: int, progress: Callable[[float], None] | Non
         return sailed(mission, progress).log(number, keep=False)
     from leadline.missions.closed_loop import sail_by_estimate
 
-    seed = seed_of(mission.name, number)
-    _, log = sail_by_estimate(mission, seed, progress)
-    return troubled(log, mission.faults, seed)
+    return sail_by_estimate(mission, seed_of(mission.name, number), progress)[1]
 
 
 def simulate_folder(

@@ -164,6 +164,9 @@ class Pilot:
         if fastest > RESERVE * self.top_speed:
             right = f"{RESERVE * self.top_speed:.2f} m/s or less"
             raise InputError("plan", f"asks for {fastest} m/s, and {self.hull.name} makes {self.top_speed:.2f} m/s at full thrust", right)
+        if at.SIDE not in self.axes and any(leg.heading is not None for leg in plan.legs):
+            found = f"asks {self.hull.name} for a heading of its own along the way, and it cannot push sideways"
+            raise InputError("plan", found, "no heading_deg, or a hull with thrusters to the side")
         if not self.hovers:
             for leg in plan.legs:
                 if leg.needs_hover:
