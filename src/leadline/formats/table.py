@@ -56,9 +56,8 @@ def file_columns(table: Table) -> dict[str, Array | Text]:
     for item in table.columns():
         value, pattern = getattr(table, item.name), item.metadata["pattern"]
         if value is not None:
-            numbered = [pattern.replace("{i}", str(i + 1)) for i in range(value.shape[-1])]
             parts = value.T if value.ndim > 1 else [value]
-            names = numbered if "{i}" in pattern else expand(pattern, [])
+            names = [pattern.replace("{i}", str(i + 1)) for i in range(len(parts))] if "{i}" in pattern else expand(pattern, [])
             columns |= {name: outside(name, part) for name, part in zip(names, parts, strict=True)}
     return columns | dict(table.extra)
 
