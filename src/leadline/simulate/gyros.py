@@ -13,7 +13,7 @@ from leadline.simulate.dense import Dense
 from leadline.simulate.drift import STEADY, Drift
 from leadline.simulate.first_order import lagging
 from leadline.simulate.inertial_kernels import means_of
-from leadline.simulate.instrument import ZERO, Digital, Instrument, Vector, digits
+from leadline.simulate.instrument import ZERO, Digital, Instrument, Vector, digits, frozen
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -118,25 +118,33 @@ class Imu(Instrument[records.Imu]):
             raise InputError("Imu", f"sample is '{self.sample}'", "mean, instant or increment")
         interval = 0 * time if self.sample == "instant" else self.intervals(time)
         rate, force = means(trajectory, time - interval, time, self.lever_arm_b, nodes=1 if self.sample == "instant" else 5)
-        gyro, accel = rate @ self.rotation_bs, force @ self.rotation_bs
+        gyro = rate @ self.rotation_bs
+        del rate  # of a day each of these takes a fifth of a gigabyte
+        accel = force @ self.rotation_bs
+        del force
         if self.sample == "increment":
-            span = interval[:, None]
-            return records.Imu(time=time, delta_angle=gyro * span, delta_velocity=accel * span, interval=interval)
-        return records.Imu(time=time, gyro=gyro, accel=accel, sample=self.sample)
+            gyro *= interval[:, None]
+            accel *= interval[:, None]
+            return records.Imu(time=time, delta_angle=frozen(gyro), delta_velocity=frozen(accel), interval=interval)
+        return records.Imu(time=time, gyro=frozen(gyro), accel=frozen(accel), sample=self.sample)
 
     def noisy(self, table: records.Imu, generator: Generator) -> records.Imu:
         """Add what is bent, biases and white noise; show that in digits."""
         span = self.intervals(table.time)[:, None]
         shape = (len(table), 3)
-        gyro = self.gyro_bias.draw(table.time, 3, generator) + self.gyro_density / np.sqrt(span) * generator.standard_normal(shape)
-        accel = self.accel_bias.draw(table.time, 3, generator) + self.accel_density / np.sqrt(span) * generator.standard_normal(shape)
+        gyro, accel = (
+            _with_white(bias.draw(table.time, 3, generator), density / np.sqrt(span), generator.standard_normal(shape))
+            for bias, density in ((self.gyro_bias, self.gyro_density), (self.accel_bias, self.accel_density))
+        )
         if table.delta_angle is not None and table.delta_velocity is not None:
             angle, velocity = self.bent(table.delta_angle, table.delta_velocity, generator)
             angle, velocity = angle + gyro * span, velocity + accel * span
             angle, velocity = (a.counted(v, span, self.rate) for a, v in ((self.gyro_axes, angle), (self.accel_axes, velocity)))
             return replace(table, delta_angle=angle, delta_velocity=velocity)
         rate, force = self.bent(cast("Array", table.gyro), cast("Array", table.accel), generator)
-        return replace(table, gyro=self.gyro_axes.shown(rate + gyro), accel=self.accel_axes.shown(force + accel))
+        gyro += rate
+        accel += force
+        return replace(table, gyro=frozen(self.gyro_axes.shown(gyro)), accel=frozen(self.accel_axes.shown(accel)))
 
     def bent(self, gyro: Array, accel: Array, generator: Generator) -> tuple[Array, Array]:
         """Return rates and specific forces, or their increments, as bent axes feel them."""
@@ -145,6 +153,13 @@ class Imu(Instrument[records.Imu]):
         own, other, coupling = generator.spawn(3)
         felt = self.g_sensitivity * np.eye(3) + self.sigma_g_sensitivity * coupling.standard_normal((3, 3))
         return gyro @ self.gyro_axes.matrix(own).T + accel @ felt.T, accel @ self.accel_axes.matrix(other).T
+
+
+def _with_white(error: Array, sigma: Array, white: Array) -> Array:
+    """Return an error with white noise on top, in the place of both."""
+    white *= sigma
+    error += white
+    return error
 
 
 @dataclass(frozen=True, kw_only=True)

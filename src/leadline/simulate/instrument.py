@@ -34,6 +34,12 @@ T = TypeVar("T", bound=records.Table)
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+def frozen(column: Array) -> Array:
+    """Return an array of our own, made read-only, so that a table holds it instead of a copy."""
+    column.setflags(write=False)
+    return column
+
+
 @dataclass(frozen=True, kw_only=True)
 class Instrument(ABC, Generic[T]):
     """When an instrument samples, where it sits, and how its rows arrive.

@@ -10,7 +10,7 @@ import numpy as np
 from leadline.core.geodesy import ECCENTRICITY_2, SEMI_MAJOR_AXIS, north_east, parallel_radius
 from leadline.data import records
 from leadline.data.errors import InputError
-from leadline.simulate.instrument import Instrument
+from leadline.simulate.instrument import Instrument, frozen
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -112,12 +112,6 @@ class Multibeam(Instrument[records.Swath]):
             table = replace(table, received=table.time + late[ping])
         arrived = delivery.random(pings) >= self.loss if self.loss else None
         return table if arrived is None else cast("records.Swath", table.select(arrived[ping]))
-
-
-def frozen(column: Array) -> Array:
-    """Return an array of our own, made read-only, so that a table holds it instead of a copy."""
-    column.setflags(write=False)
-    return column
 
 
 def on_chart(state: Kinematics) -> tuple[Array, Array]:
