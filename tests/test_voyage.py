@@ -118,7 +118,8 @@ def test_a_fixed_heading_is_held_along_the_way() -> None:
     plan = Plan((Waypoints(through=((30.0, 0.0), (0.0, 30.0)), heading=0.5, speed=0.4, depth=3.0),))
     state, places = seen(voyage("rexrov", plan).run())
     heading = np.unwrap(euler(state.rotation_nb)[2])
-    assert np.abs(heading[state.time > 20.0] - 0.5).max() < 0.1
+    assert np.abs(np.sin(heading[state.time > 20.0] - 0.5)).max() < 0.1
+    assert np.cos(heading[-1] - 0.5) > 0.9
     assert off(voyage("rexrov", plan).route, places).max() < 1.0
 
 
@@ -251,3 +252,90 @@ def test_a_depth_out_of_reach_ends_in_a_sentence() -> None:
     plan = Plan((Waypoints(through=((1000.0, 0.0),), speed=0.5, depth=12.0),))
     with pytest.raises(InputError, match="off its depth by more than 3 m for 300 s"):
         Voyage(read_hull("yellowfin"), plan, PLACE, density=1300.0).run()  # it floats with more than its thrusters push
+
+
+@pytest.mark.parametrize(
+    "leg",
+    [Waypoints(through=((0.0, 0.0),), speed=0.5, depth=2.0), Circle(radius=1.0, turns=1e-9, speed=0.5, depth=2.0)],
+    ids=["where it is", "hardly a turn"],
+)
+def test_a_route_of_one_point_ends(leg: routes.Leg) -> None:
+    assert len(Plan((leg,)).route) >= 2  # the kernels look at the row before
+    sailed = voyage("rexrov", Plan((leg,)))
+    sailed.run()
+    assert sailed.ended == sailing.FINISHED
+    assert sailed.time < 60.0
+
+
+def test_a_circle_is_no_point() -> None:
+    with pytest.raises(InputError, match="radius of 0"):
+        Circle(radius=0.0, speed=0.5, depth=2.0)
+
+
+@pytest.mark.parametrize("hull", ["remus-100", "medusa", "rexrov", "typhoon"])
+def test_a_long_way_up_is_no_failure(hull: str) -> None:
+    """From 150 m: five to seventeen minutes of ascent, in which nothing moves on along the route."""
+    ahead = Waypoints(through=((60.0, 0.0),), speed=SPEEDS[hull], depth=150.0)
+    sailed = voyage(hull, Plan((ahead,), ascend=True), depth=150.0, speed=SPEEDS[hull])
+    _, places = seen(sailed.run(), 5.0)
+    assert sailed.ended == sailing.FINISHED
+    assert places[-1, 2] < sailed.hull.height + 5.0 * 0.3  # up to five seconds before the end
+
+
+def test_a_deep_dive_is_no_failure() -> None:
+    sailed = voyage("typhoon", Plan((Waypoints(through=((500.0, 0.0), (0.0, 0.0)), speed=0.8, depth=100.0),)))
+    _, places = seen(sailed.run(), 5.0)
+    assert sailed.ended == sailing.FINISHED
+    assert places[-1, 2] == pytest.approx(100.0, abs=1.0)
+
+
+def test_a_stay_begins_at_its_depth() -> None:
+    sailed = voyage("rexrov", Plan((Hold(seconds=20.0, speed=0.3, depth=20.0),)))
+    state, places = seen(sailed.run(), 0.5)
+    deep = np.abs(places[:, 2] - 20.0) < 0.6
+    assert np.sum(deep) * 0.5 == pytest.approx(20.0, abs=4.0)
+    assert state.time[-1] > 80.0  # and 20 m at a quarter of a metre a second before it
+
+
+def test_the_last_point_is_reached_at_its_depth() -> None:
+    sailed = voyage("typhoon", Plan((Waypoints(through=((10.0, 0.0),), speed=0.5, depth=12.0),)))
+    _, places = seen(sailed.run(), 0.5)
+    assert places[-1, 2] == pytest.approx(12.0, abs=0.8)
+    assert np.linalg.norm(places[-1, :2] - [10.0, 0.0]) < 3.0
+
+
+NOWHERE = {
+    "no ground": (
+        Waypoints(through=((50.0, 0.0),), speed=0.5, altitude=5.0),
+        {},
+        r"follows the ground \(altitude_m\), and the sea has none",
+    ),
+    "in the air": (Waypoints(through=((50.0, 0.0),), speed=0.5, depth=5.0), {"depth": -50.0}, "lies 50 m above the surface"),
+    "for ever": (Waypoints(through=((9e6, 0.0),), speed=0.5, depth=5.0), {}, r"takes 5000 h; a shorter one, or duration_s"),
+}
+
+
+@pytest.mark.parametrize("case", NOWHERE)
+def test_plans_that_make_no_sense_are_refused(case: str) -> None:
+    leg, start, said = NOWHERE[case]
+    with pytest.raises(InputError, match=said):
+        voyage("rexrov", Plan((leg,)), **start)
+
+
+def test_depths_are_not_negative() -> None:
+    with pytest.raises(InputError, match="depth of -3"):
+        Waypoints(through=((50.0, 0.0),), speed=0.5, depth=-3.0)
+
+
+@pytest.mark.parametrize("hull", hulls())
+def test_a_voyage_starts_at_time_zero_as_it_is_told(hull: str) -> None:
+    """At 0 s it is at its start at its speed, its thrusters turning; before, it came straight; it does not fall back by much."""
+    plan = Plan((Waypoints(through=((200.0, 0.0),), speed=SPEEDS[hull], depth=5.0),), start=(10.0, 0.0))
+    trajectory = voyage(hull, plan, depth=5.0, speed=SPEEDS[hull], limit=20.0).run()
+    state = trajectory.at(np.array([-0.5, 0.0]))
+    assert np.stack(state.north_east, axis=1) == pytest.approx(
+        np.array([[10.0 - 0.5 * SPEEDS[hull], 0.0], [10.0, 0.0]]), abs=1e-5
+    )  # metres at depth are longer at the surface
+    assert state.velocity_b == pytest.approx(np.tile([SPEEDS[hull], 0.0, 0.0], (2, 1)), abs=1e-6)
+    speeds = trajectory.at(np.arange(0.0, 20.0, 0.5)).velocity_b[:, 0]
+    assert speeds.min() > 0.8 * SPEEDS[hull]

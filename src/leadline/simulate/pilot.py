@@ -124,6 +124,18 @@ class Pilot:
             low, high = (middle, high) if pull(middle) > 0.0 else (low, middle)
         return low
 
+    def turning(self, speed: float) -> Array:
+        """Return the speeds (rps) of the thrusters that roughly keep a speed (m/s) ahead through the water."""
+        drag = self.hull.linear_damping[0, 0] * speed + self.hull.quadratic_damping[0] * speed * abs(speed)
+        thrust = self.shares[:, 0] * drag
+        along = [speed * float(t.direction_b[0]) for t in self.hull.thrusters]
+        found = np.zeros(len(thrust))
+        for i, (t, wanted) in enumerate(zip(self.hull.thrusters, thrust, strict=True)):
+            if wanted:  # k n^2 - decay n u = T, the greater root
+                k, lost = (t.ahead if wanted > 0 else t.astern), t.decay * abs(along[i])
+                found[i] = np.sign(wanted) * min((lost + np.sqrt(lost**2 + 4 * k * abs(wanted))) / (2 * k), t.most)
+        return found
+
     @property
     def side_speed(self) -> float:
         """Speed (m/s) sideways that a third of the force keeps up against the drag."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Points = list[tuple[float, float]]
 
+SMALLEST = 0.1  # m, radius of a circle
 CHORD = 0.02  # m, how far a chord may lie off its curve
 # Columns of a route: on the way to the point, and at it.
 NORTH, EAST, SPEED, VERTICAL, ALTITUDE, HEADING, HOLD, TURN, LEG, ALONG, WIDTH = range(11)
@@ -43,6 +44,8 @@ class Leg:
         if (self.depth is None) == (self.altitude is None):
             found = "has neither depth nor altitude" if self.depth is None else "has both depth and altitude"
             raise InputError(self.name, found, "give one of them")
+        if self.depth is not None and self.depth < 0:
+            raise InputError(self.name, f"asks for a depth of {self.depth} m", "0 or more: depths are positive down")
 
     def points(self, start: tuple[float, float]) -> Points:
         """Return the points (north, east) after `start`."""
@@ -50,7 +53,6 @@ class Leg:
 
     def rows(self, start: tuple[float, float], number: int) -> Array:
         """Return the rows of the route."""
-        found = np.full((0, WIDTH), np.nan)
         points = self.points(start)
         found = np.zeros((len(points), WIDTH))
         found[:, [NORTH, EAST]] = np.reshape(points, (-1, 2))
@@ -96,7 +98,7 @@ class Placed(Leg):
 class Lawnmower(Placed):
     """`legs` parallel lines of `length`, `spacing` apart, the next to starboard (negative spacing: to port); turns are half circles.
 
-    square: turns at right angles instead.  cross: so many lines across them at the end.
+    square: turns at right angles instead.
     """
 
     name = "lawnmower"
@@ -152,6 +154,12 @@ class Circle(Placed):
     name = "circle"
     radius: float
     turns: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse a circle that is a point."""
+        super().__post_init__()
+        if not abs(self.radius) >= SMALLEST:
+            raise InputError(self.name, f"has a radius of {self.radius} m", f"{SMALLEST} m or more, to port with a minus")
 
     def local(self) -> Points:
         """Return the points."""
@@ -281,7 +289,7 @@ class Plan:
             here = (float(rows[-1][-1, NORTH]), float(rows[-1][-1, EAST]))
         whole = np.concatenate(rows)
         first = whole[:1].copy()
-        first[0, [NORTH, EAST]], first[0, [HOLD, TURN]] = self.start, 0.0
+        first[0, [NORTH, EAST]], first[0, [HOLD, TURN, LEG]] = self.start, 0.0  # leg 0: so that of the first leg a row is left
         return measured(np.concatenate([first, whole]))
 
 

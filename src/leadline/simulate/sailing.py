@@ -117,7 +117,7 @@ def sail(first, count, x, hull, site, water, frame, chart, corner, route, pilot,
         advance(x, command, time, TICK / STEPS, STEPS, hull, site, water, work[: 5 * len(x)])
         if steering.finished(time, pilot, memory):
             return k + 1, FINISHED
-        if abs(depth - memory[steering.DEPTH_WANTED]) < TOLERANCE or memory[steering.MODE] != steering.UNDER_WAY:
+        if abs(depth - memory[steering.TARGET]) < TOLERANCE or memory[steering.MODE] != steering.UNDER_WAY:
             memory[steering.AT_DEPTH] = time
         if time - memory[steering.BEST_FROM] > PATIENCE:
             return k + 1, STUCK

@@ -23,9 +23,10 @@ from leadline.simulate.routes import ALONG, ALTITUDE, EAST, HEADING, HOLD, LEG, 
 NAV = 14
 # Memory of the pilot.
 (SEGMENT, PROGRESS, STAY_FROM, CRAB, DEPTH_WANTED, SPEED_WANTED, HEADING_WANTED, MODE, MODE_FROM, DIVED, DONE, HELD_NORTH, HELD_EAST,
- TURN_FROM, BEST, BEST_FROM, BUOYANCY, FIRST, AT_LEG, PITCH_WANTED, AT_DEPTH) = range(21)  # fmt: skip
-INTEGRAL, FULL = 21, 27  # six integrals; six flags: what was asked of that axis could not be given
-MEMORY = 33
+ TURN_FROM, BEST, BEST_FROM, BUOYANCY, FIRST, AT_LEG, PITCH_WANTED, AT_DEPTH, TARGET, NEAREST,
+ HIGHEST, WAITS) = range(25)  # fmt: skip
+INTEGRAL, FULL = 25, 31  # six integrals; six flags: what was asked of that axis could not be given
+MEMORY = 37
 UNDER_WAY, RISING, UP, LAST_RISE, LAST_UP = 0.0, 1.0, 2.0, 3.0, 4.0
 NEVER = -1e8  # s: what lies before it has not happened
 
@@ -34,6 +35,7 @@ NEVER = -1e8  # s: what lies before it has not happened
  KEEL, THRUSTERS, FINS, SIDE_MAX, DEEPEST) = range(20)  # fmt: skip
 AXES, AXIS = 20, 7  # mass, bandwidth and outer gain (1/s), linear and quadratic drag, largest force, integral (of the bandwidth)
 ALLOCATION = AXES + 6 * AXIS  # thrusters x 6, then ahead, astern, most, dead band of each, then fins x 2 and most of each
+LEASH, AT_LEVEL = 2.0, 0.5  # m: how far the wanted depth runs ahead of the hull; from where on a depth is reached
 SHARP = 0.5  # cosine of the angle from which on a corner is not cut
 SURGE, SIDE, VERTICALLY, ROLL, PITCH, YAW = range(6)
 
@@ -60,11 +62,24 @@ def stops(route, k):
 
 
 @kernel()
+def ends(route, k):
+    """Whether the vehicle stays at row k, or the plan ends there."""
+    return k == len(route) - 1 or route[k, HOLD] > 0.0
+
+
+@kernel()
+def level_with(nav, pilot, memory):
+    """Whether the wanted depth is reached; a hull that must keep moving does not wait for it."""
+    return pilot[HEAVE] == 0.0 or abs(memory[TARGET] - nav[3]) < AT_LEVEL
+
+
+@kernel()
 def progress(nav, route, pilot, memory):
     """Move on along the route."""
     n, e, time = nav[1], nav[2], nav[0]
     if memory[FIRST] == 0.0:
         memory[FIRST], memory[SEGMENT], memory[STAY_FROM], memory[DONE], memory[BEST_FROM] = 1.0, 1.0, -1e9, -1e9, time
+        memory[TARGET], memory[NEAREST], memory[HIGHEST], memory[AT_DEPTH] = math.nan, math.inf, nav[3], time
         memory[SPEED_WANTED] = max(nav[8] * math.cos(nav[7]) + nav[9] * math.sin(nav[7]), 0.0)
         memory[DEPTH_WANTED], memory[HEADING_WANTED], memory[DIVED], memory[HELD_NORTH], memory[HELD_EAST] = nav[3], nav[7], time, n, e
     while memory[DONE] < NEVER:
@@ -76,7 +91,11 @@ def progress(nav, route, pilot, memory):
         memory[AT_LEG] = route[k, LEG]
         near = math.sqrt((n - b0) ** 2 + (e - b1) ** 2) < pilot[ARRIVE]
         reached = near or (t >= length and not (route[k, HOLD] > 0.0))
+        memory[WAITS] = 0.0
         if memory[STAY_FROM] < NEVER and not reached:
+            break
+        if memory[STAY_FROM] < NEVER and ends(route, k) and not level_with(nav, pilot, memory):
+            memory[WAITS], memory[HELD_NORTH], memory[HELD_EAST], memory[BEST_FROM] = 1.0, b0, b1, time
             break
         if route[k, HOLD] > 0.0:
             if memory[STAY_FROM] < NEVER:
@@ -92,6 +111,10 @@ def progress(nav, route, pilot, memory):
             memory[SEGMENT] = k + 1.0
     if memory[PROGRESS] > memory[BEST] + 0.5 or memory[MODE] in (UP, LAST_UP):
         memory[BEST], memory[BEST_FROM] = max(memory[PROGRESS], memory[BEST]), time
+    rises = memory[MODE] in (RISING, LAST_RISE)
+    if not rises or nav[3] < memory[HIGHEST] - 0.5:  # on the way up, what is gained in height counts
+        memory[HIGHEST] = nav[3]
+        memory[BEST_FROM] = time if rises else memory[BEST_FROM]
 
 
 @kernel()
@@ -137,9 +160,15 @@ def depth_wanted(nav, route, pilot, memory, dt):
         target = min(max(target, pilot[KEEL]), pilot[DEEPEST])
     if memory[MODE] in (RISING, UP, LAST_RISE) or (memory[MODE] == LAST_UP and pilot[ASCEND] > 0.0):
         target = -pilot[KEEL] - 0.3  # as high as it floats
-    step = limited(target - memory[DEPTH_WANTED], pilot[DESCENT] * dt)
-    memory[DEPTH_WANTED] += step
-    return step / dt
+    if not abs(target - memory[TARGET]) < 1.0:  # another one, or the first
+        memory[NEAREST], memory[AT_DEPTH] = math.inf, nav[0]
+    memory[TARGET] = target
+    if abs(target - nav[3]) < memory[NEAREST] - 0.5:
+        memory[NEAREST], memory[AT_DEPTH] = abs(target - nav[3]), nav[0]
+    before = memory[DEPTH_WANTED]
+    after = before + limited(target - before, pilot[DESCENT] * dt)
+    memory[DEPTH_WANTED] = min(max(after, nav[3] - LEASH), nav[3] + LEASH)
+    return limited((memory[DEPTH_WANTED] - before) / dt, pilot[DESCENT])
 
 
 @kernel()
@@ -149,7 +178,7 @@ def course(nav, route, pilot, memory):
     stopped = memory[MODE] in (RISING, UP) and pilot[STOP] > 0.0
     if memory[DONE] > NEVER and pilot[SPINS] == 0.0:  # straight on until it is up
         return memory[HEADING_WANTED], route[k, SPEED] if memory[MODE] == LAST_RISE else 0.0
-    if memory[DONE] > NEVER or memory[STAY_FROM] > NEVER or stopped:
+    if stays(memory) or stopped:
         d0, d1 = memory[HELD_NORTH] - nav[1], memory[HELD_EAST] - nav[2]
         return math.atan2(d1, d0), min(0.25 * math.sqrt(d0 * d0 + d1 * d1), route[k, SPEED])
     north, east, left = aim(route, pilot, memory)
@@ -196,7 +225,7 @@ def loop(pilot, memory, axis, wanted, found, dt):
 @kernel()
 def stays(memory):
     """Whether the vehicle is to be in one place."""
-    return memory[STAY_FROM] > NEVER or memory[DONE] > NEVER
+    return memory[STAY_FROM] > NEVER or memory[DONE] > NEVER or memory[WAITS] > 0.0
 
 
 @kernel()

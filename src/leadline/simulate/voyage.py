@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from leadline.core.attitude import matrix_from_euler, quaternion_from_matrix
+from leadline.core.attitude import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from leadline.core.geodesy import (
     ecef_from_geodetic,
     from_north_east,
@@ -21,8 +21,8 @@ from leadline.core.geodesy import (
 )
 from leadline.data.errors import InputError
 from leadline.simulate import steering
-from leadline.simulate.dense import WIDTH, Dense
-from leadline.simulate.dynamics import ACTUATORS, at_rest, site_at
+from leadline.simulate.dense import ACCELERATION, POSITION, QUATERNION, RATE, VELOCITY, WIDTH, Dense
+from leadline.simulate.dynamics import ACTUATORS, NU, at_rest, site_at
 from leadline.simulate.pilot import Pilot
 from leadline.simulate.routes import ALTITUDE, EAST, NORTH, VERTICAL, between, duration_of
 from leadline.simulate.sailing import AGROUND, LOST, OFF_DEPTH, ON, PATIENCE, STUCK, TICK, TIME_UP, TOLERANCE, sail
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 STRETCH = 600  # ticks that are run at a time: a minute
 LEAD, TAIL = 10, 100  # ticks before time 0 and after the end, so that an interval or an echo there is whole
+LONGEST = 7 * 86400.0  # s that a plan may take which nobody has given an end
 
 
 @dataclass(eq=False)
@@ -59,7 +60,7 @@ class Voyage:
     speed: float = 0.0
     density: float = 1025.0
     limit: float | None = None  # s after which it ends, whatever the plan says
-    ticks: int = -LEAD
+    ticks: int = 0
     ended: int = ON
     over: int = 0  # tick at which it ended; 0: it has not
     knots: list[Array] = field(default_factory=list)
@@ -79,6 +80,9 @@ class Voyage:
         self.corner = np.array([0.0, 0.0, 1.0, 1.0]) if self.chart is None else self.chart.frame
         self.site = site_at(place.latitude, place.depth, self.density)
         self.x = self.start()
+        self.knots, self.moved = [self.before()], [np.tile(self.x[ACTUATORS:], (LEAD, 1))]
+        if self.limit is None and self.expected > LONGEST:
+            raise InputError("plan", f"takes {self.expected / 3600:.0f} h", "a shorter one, or duration_s")
         self.memory = np.zeros(steering.MEMORY)
         self.work = np.zeros(6 * self.hull.states)
         self.state = np.zeros(20 + self.hull.states - ACTUATORS)
@@ -92,11 +96,25 @@ class Voyage:
         position = turn @ (ecef_from_geodetic(latitude, longitude, height) - place.position_e)
         rotation_tb = turn @ rotation_en(latitude, longitude) @ matrix_from_euler(0.0, 0.0, self.heading)
         nu = np.array([self.speed, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return at_rest(self.hull, position, quaternion_from_matrix(rotation_tb), nu)
+        x = at_rest(self.hull, position, quaternion_from_matrix(rotation_tb), nu)
+        x[ACTUATORS : ACTUATORS + len(self.hull.thrusters)] = self.pilot.turning(self.speed)
+        return x
+
+    def before(self) -> Array:
+        """Return the knots of the second before time 0: straight on as it starts."""
+        knots = np.zeros((LEAD, WIDTH))
+        velocity = matrix_from_quaternion(self.x[3:7]) @ self.x[NU : NU + 3]
+        knots[:, POSITION:VELOCITY] = self.x[:3] + TICK * np.arange(-LEAD, 0)[:, None] * velocity
+        knots[:, VELOCITY:ACCELERATION], knots[:, QUATERNION:RATE] = velocity, self.x[3:7]
+        return knots
 
     def check_ground(self) -> None:
-        """Refuse a route that leads through the ground."""
+        """Refuse a route that leads through the ground, follows one that is not there, or starts in the air."""
+        if self.depth < -self.hull.height:
+            raise InputError("start", f"lies {-self.depth:g} m above the surface", "depth_m of 0 or more")
         if self.chart is None:
+            if np.any(self.route[:, ALTITUDE] > 0.0):
+                raise InputError("plan", "follows the ground (altitude_m), and the sea has none", "add [sea.terrain], or give depth_m")
             return
         route = between(self.route, 5.0)
         ground = self.chart.depth_at(route[:, NORTH], route[:, EAST])
