@@ -20,9 +20,9 @@ ABOARD := --vehicle missions/vehicles/survey-auv.toml
 
 demo: $(STAMP)
 	rm -f $(DEMO)/mission.html
-	$(BIN)/leadline simulate missions/survey.toml --out $(DEMO)/log
+	$(BIN)/leadline simulate missions/survey.toml --out $(DEMO)/log --seed 1
 	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/solution
-	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/smoothed --smooth
+	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/smoothed --smooth > $(DEMO)/smoothed.txt
 	$(BIN)/leadline assess $(DEMO)/smoothed --truth $(DEMO)/log
 	$(BIN)/leadline report $(DEMO)/log --solution $(DEMO)/solution --solution $(DEMO)/smoothed --out $(DEMO)/mission.html
 	@echo "open $(DEMO)/mission.html (the dive in three dimensions) and $(DEMO)/solution/report.html (how good the estimate is)"

@@ -329,3 +329,19 @@ def test_a_doppler_log_reckons_with_its_own_speed_of_sound_where_it_is_said_to(f
     speeds = [np.nanmedian(np.linalg.norm(s.recorder.ideal("dvl").velocity, axis=1)[-20:]) for s in (plain, told)]
     depth = plain.log(0).truth.depth[-1]  # type: ignore[union-attr, index]
     assert speeds[1] / speeds[0] == pytest.approx(1400.0 / np.interp(depth, [0.0, 40.0], [1520.0, 1505.0]), rel=0.02)
+
+
+def test_a_recorded_log_is_never_replaced_by_a_simulated_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    real = folder / "real"
+    real.mkdir()
+    (real / "log.toml").write_text('name = "a dive that cannot be dived again"\n')
+    (real / "depth.csv").write_text("time_s,depth_m\n0,1\n1,2\n")
+    assert cli.run(["simulate", str(folder / "mission.toml"), "--out", str(real)]) == 2
+    assert "holds no mission.toml" in capsys.readouterr().err
+    assert (real / "depth.csv").read_text().startswith("time_s")
+
+
+def test_a_log_can_be_simulated_again_from_its_own_folder(folder: Path) -> None:
+    _, log = simulate_folder(folder / "mission.toml", folder / "first", 2)
+    _, again = simulate_folder(folder / "first" / "mission.toml", folder / "second", 2)
+    assert all(same(table, again[name]) for name, table in log.tables.items())

@@ -138,9 +138,7 @@ def solve(
 def simulate(
     mission: Annotated[Path, typer.Argument(metavar="MISSION", help="Mission file (TOML).")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where to write the log.")],
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Which run of the mission: another has other noise, not another truth.")
-    ] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Which run of the mission: another has other noise.")] = 0,
     csv: Annotated[bool, typer.Option("--csv", help="Write tables as CSV instead of Parquet.")] = False,
     as_json: AsJson = False,
 ) -> None:

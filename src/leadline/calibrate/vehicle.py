@@ -204,7 +204,8 @@ def verdicts(found: Fit) -> list[Verdict]:
     """Return how well each number is determined: by its sigma after the log, and by what the log alone says of it."""
     told = np.diag(found.information) > 1.0
     made = [_verdict(knob, bool(t), float(s)) for knob, t, s in zip(found.problem.knobs, told, sigmas(found), strict=True)]
-    return [Verdict.ROUGHLY if found.stray > RESTLESS and v is Verdict.DETERMINED else v for v in made]
+    doubtful = found.stray > RESTLESS or not found.converged
+    return [Verdict.ROUGHLY if doubtful and v is Verdict.DETERMINED else v for v in made]
 
 
 def _verdict(knob: Knob, told: bool, sigma: float) -> Verdict:
@@ -334,7 +335,9 @@ def _amperes(data: Recorded) -> tuple[float, ...]:
 def _notes(found: Fit) -> tuple[str, ...]:
     notes = []
     if not found.converged:
-        notes.append("the search did not settle: the values are rough; is this the right hull to start from?")
+        notes.append(
+            "the search did not settle: nothing is determined, and sigmas are too small; is this the right hull to start from, is the Doppler log calibrated?"
+        )
     if found.stray > RESTLESS:
         what = f"velocities stray by {found.stray:.1f} times their noise from the motion that thrusters and drag explain"
         why = "waves, a changing current, errors of a solution that wander"

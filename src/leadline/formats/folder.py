@@ -67,9 +67,12 @@ def read_log(path: str | Path) -> Log:
     )
 
 
-def write_log(log: Log, path: str | Path, *, parquet: bool = False, beside: Callable[[Path], None] | None = None) -> None:
+def write_log(
+    log: Log, path: str | Path, *, parquet: bool = False, beside: Callable[[Path], None] | None = None, marker: str = MANIFEST
+) -> None:
     """Write a log as a folder: whole or not at all; `beside` is called with the folder, to write what else belongs there.
 
+    A folder that is there is replaced only where it holds the file `marker` and nothing but files of Leadline's own kinds.
     Raises InputError where a name is none that `read_log` takes, or the place is taken by something that is not a log.
     """
     names = [name for name in log.tables if not re.fullmatch(r"[^./\\\0][^/\\\0]*", name)]
@@ -77,7 +80,7 @@ def write_log(log: Log, path: str | Path, *, parquet: bool = False, beside: Call
         raise InputError(path, f"'{names[0]}' cannot be the name of a table", "a table's name is the name of its file")
     for name, table in log.tables.items():
         check_names(type(table), list(file_columns(table)), Path(path) / name)
-    with new_folder(path, marker=MANIFEST) as folder:
+    with new_folder(path, marker=marker) as folder:
         for name, table in log.tables.items():
             write_table(table, folder / f"{name}.{'parquet' if parquet else 'csv'}")
         (folder / MANIFEST).write_text("\n".join(_lines(log)) + "\n", "utf-8")

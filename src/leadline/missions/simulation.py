@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from leadline.missions.mission import Mission
     from leadline.simulate.voyage import Voyage
 
-CHART, MISSION = "chart.asc", "mission.toml"  # names of the ground and of the mission in the folder of a log
+CHART, MISSION, VEHICLE = "chart.asc", "mission.toml", "vehicle.toml"  # what lies beside the tables of a log
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,17 +73,25 @@ def simulate_folder(
 ) -> tuple[Mission, Log]:
     """Simulate a mission file and write the folder of its log; returns both.
 
-    Beside its tables lie the mission file, `mission.toml`, and with a ground its chart, `chart.asc`.  Raises InputError, before anything
+    Beside its tables lie the mission and its vehicle, `mission.toml` and `vehicle.toml`, and with a ground its chart, `chart.asc`.  Raises InputError, before anything
     is written, for a wrong mission file or place.
     """
     mission = read_mission(path)
-    check_place(out, "log.toml")
+    check_place(out, MISSION)  # a log that was simulated may be replaced; a recorded one has no mission
     log = drawn(mission, number, progress)
 
     def beside(folder: Path) -> None:
-        (folder / MISSION).write_text(mission.path.read_text("utf-8"), "utf-8")
+        (folder / MISSION).write_text(_at_home(mission), "utf-8")
+        if mission.vehicle.path is not None:
+            (folder / VEHICLE).write_text(mission.vehicle.path.read_text("utf-8"), "utf-8")
         if mission.sea.chart is not None:
             write_chart(mission.sea.chart, folder / CHART)
 
-    write_log(log, out, parquet=parquet, beside=beside)
+    write_log(log, out, parquet=parquet, beside=beside, marker=MISSION)
     return mission, log
+
+
+def _at_home(mission: Mission) -> str:
+    """Return the text of the mission file with the vehicle file beside it."""
+    text = mission.path.read_text("utf-8")
+    return re.sub(r"^vehicle\s*=.*$", f'vehicle = "{VEHICLE}"', text, count=1, flags=re.MULTILINE)

@@ -105,7 +105,7 @@ def _headlines(log: Log, inspection: Inspection, picture: Picture) -> list[tuple
     if deep is not None:
         lines.append(("depth", f"{deep[0]:.1f} to {deep[1]:.1f} m"))
     rows = sum(facts.rows for facts in inspection.tables.values())
-    return [*lines, ("tables", f"{len(inspection.tables)}, {rows:,} rows")]
+    return [*lines, ("tables", f"{len(inspection.tables)} with {rows:,} rows")]
 
 
 def _depth_range(log: Log, picture: Picture) -> tuple[float, float] | None:
