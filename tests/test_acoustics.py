@@ -17,6 +17,7 @@ from scipy.stats import chi2, kstest
 from leadline.data.errors import InputError
 from leadline.data.log import Beacon
 from leadline.sea.sound import SoundProfile
+from leadline.sea.water import Level, Water
 from leadline.simulate.acoustics import AcousticRange
 from leadline.simulate.dive import Recorder, simulate
 from leadline.simulate.instrument import Instrument
@@ -257,6 +258,60 @@ def test_no_row_comes_from_the_shadow() -> None:
     assert len(quiet(Usbl(rate=1.0, beacons={"far": far}, profile=falling), still(HERE, 5.0))) == 0
 
 
+# The tide, and the end
+
+HIGH = Water(levels=(Level(2.0, 1e9),))  # two metres up, all dive long
+
+
+def test_what_floats_rises_with_the_tide_and_depths_count_from_the_surface_of_the_moment() -> None:
+    """A vehicle 32 m below a surface that stands 2 m high; a ship that knows no tide of its own lies on the same surface."""
+    trajectory = still(replace(HERE, water=HIGH), 50.0)
+    assert_allclose(trajectory.truth([0.0]).depth, 32.0, atol=1e-9)
+    ship = Moving(motion=Steady(heading=0.3), place=SURFACE, lever_arm_b=(3.0, 1.0, 5.0))
+    fix = UsblFix(rate=1.0, ship=ship, lever_arm_b=(3.0, 1.0, 5.0))
+    assert_allclose(quiet(fix, trajectory).depth, 32.0, atol=1e-6)
+    angles = quiet(Usbl(rate=1.0, ship=ship, lever_arm_b=(0.0, 0.0, 5.0)), trajectory)
+    assert_allclose(angles.travel_time, 2 * 27.0 / C, atol=1e-9)  # 32 m less 5 m: the surface lifts both ends or neither
+    pose = PlatformPose(rate=1.0, platforms={"ship": ship})
+    assert_allclose(quiet(pose, trajectory).depth, 0.0, atol=1e-6)
+    buoy = AcousticRange(rate=1.0, path="one_way", platforms={"buoy": ship}, beacons={"a": beacon(0.0, 0.0, 80.0)})
+    table = quiet(buoy, trajectory)
+    told = table.transmitter == "buoy"
+    assert_allclose(table.beacon_depth[told], 5.0, atol=1e-5)  # the arm's plumb line leans by 3 m / 6.4e6 m
+    assert_allclose(table.travel_time[~told], 50.0 / C, atol=1e-9)  # what stands on the ground stays
+    spread(quiet(replace(fix, sigma_position=(0.5, 0.5, 0.5)), still(replace(HERE, water=HIGH), 2000.0)).depth - 32.0, 0.5)
+
+
+def test_an_echo_that_is_not_back_before_the_end_has_no_row() -> None:
+    """A motion of 60 s is known for 10 s more: what is heard within 70 s is a row, the same as of a longer dive."""
+    short, long = (straight(HERE, duration, speed=1.5) for duration in (60.0, 200.0))
+    slow = AcousticRange(rate=1.0, beacons={"a": beacon(100.0, 50.0, 60.0, turnaround=15.0)}, path="two_way")
+    table, whole = quiet(slow, short, 60.0), quiet(slow, long, 60.0)
+    there = whole.time <= 70.0
+    assert 50 < there.sum() < 60
+    assert_array_equal(table.travel_time, whole.travel_time[there])
+    far = {"far": beacon(20000.0, 0.0, 60.0)}
+    for instrument in (slow, replace(slow, beacons=far), Usbl(rate=1.0, beacons=far), replace(slow, beacons=far, path="one_way")):
+        found, known = quiet(instrument, short, 60.0), quiet(instrument, long, 60.0)
+        assert_array_equal(found.time, known.time[known.time <= 70.0])
+    phones = {"bow": (1.0, 0.0, 0.0), "stern": (-1.0, 0.0, 0.0)}
+    pair = AcousticRange(rate=1.0, beacons=far, path="difference", receivers=phones, reference="stern")
+    assert np.max(quiet(pair, short, 60.0).time) < 70.0
+    other = Moving(motion=straight(HERE, 30.0, speed=1.0))  # a partner that is known for 40 s
+    assert np.max(quiet(AcousticRange(rate=1.0, path="one_way", platforms={"other": other}), short, 60.0).transmit) == 40.0
+    ship = Moving(motion=Steady(), place=SURFACE, lever_arm_b=(0.0, 0.0, 2.0))
+    assert np.max(quiet(UsblFix(rate=1.0, ship=ship, turnaround=15.0), short, 60.0).time) < 70.0
+
+
+def test_turns_go_on_from_piece_to_piece() -> None:
+    trajectory = still(HERE, 20.0)
+    three = AcousticRange(rate=1.0, beacons={name: beacon(50.0, 0.0, 60.0) for name in "abc"})
+    whole = quiet(three, trajectory)
+    time = np.arange(21.0)
+    pieces = [three.going_on(time[:k]).ideal(trajectory, time[k : k + 4]).transmitter for k in range(0, 21, 4)]
+    assert_array_equal(np.concatenate(pieces), whole.transmitter)
+
+
 # What goes wrong
 
 NEAR = AcousticRange(rate=1.0, beacons={"a": beacon(300.0, 0.0, 30.0, turnaround=0.1)}, path="two_way")
@@ -304,6 +359,10 @@ def test_echoes_are_late_and_ranked() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     trajectory = still(HERE, 5.0)
+    with pytest.raises(InputError, match="AcousticRange: begins at -1 s"):
+        replace(NEAR, offset=-1.0)
+    with pytest.raises(InputError, match="times 0, 0, 100 s with turns of 20 s"):
+        Waypoints(tuple(np.array([0.0, 0.0, 100.0])), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
     for wrong, message in (
         (replace(NEAR, path="three_way"), "path"),
         (replace(NEAR, peaks=0), "peaks"),

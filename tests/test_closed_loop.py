@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +14,27 @@ from leadline.assess.assessment import assess
 from leadline.assess.consistency import Answer
 from leadline.core.geodesy import north_east
 from leadline.data.errors import InputError
-from leadline.data.log import Log
+from leadline.data.log import Beacon, Log
+from leadline.data.records import after
 from leadline.estimate.solve import solve
-from leadline.missions.closed_loop import sail_by_estimate
+from leadline.missions.closed_loop import Eye, behind, sail_by_estimate
 from leadline.missions.mission import Mission, read_mission
 from leadline.missions.montecarlo import compared
 from leadline.missions.simulation import drawn
+from leadline.sea.terrain import plane
+from leadline.simulate.acoustics import AcousticRange
 from leadline.simulate.drift import Drift
 from leadline.simulate.faults import Outage
 from leadline.simulate.faults_of_values import StuckValue
-from leadline.simulate.instruments import Depth, Dvl, Imu, Triad
+from leadline.simulate.instrument import Instrument
+from leadline.simulate.instruments import Depth, Dvl, Gnss, Imu, Triad
+from leadline.simulate.multibeam import Multibeam
+from leadline.simulate.plans import Weave, driven, still
+from leadline.simulate.profiles import Ramp
+from leadline.simulate.reception import Reception
 from leadline.simulate.routes import Plan, Waypoints
 from leadline.simulate.settled import settled
+from leadline.simulate.trajectory import Place, Trajectory
 
 SURVEY = Path(__file__).parent.parent / "missions" / "survey.toml"
 
@@ -155,3 +165,76 @@ def test_thrusters_tell_of_the_dive_and_not_of_a_rehearsal() -> None:
     table = log["thrusters"]
     assert table.thruster[:, 0] == pytest.approx(np.interp(table.time, time, moved[:, 0]), abs=1e-9)  # type: ignore[attr-defined]
     assert table.rudder == pytest.approx(np.interp(table.time, time, moved[:, 1]), abs=1e-9)  # type: ignore[attr-defined]
+
+
+HERE = Place(0.57, 0.61, 2.0, 17.0)
+
+
+def heaving() -> Trajectory:
+    """Up and down by some metres in 40 s."""
+    return driven(
+        HERE, 120.0, forward=Ramp(1.0), heading=Ramp(0.3, 0.05), pitch=Ramp(0.0), weave=Weave(down=(0.32, 40.0), heading=(0.2, 7.0))
+    )
+
+
+def piecewise(instrument: Instrument[Any], trajectory: Trajectory, seed: int = 0) -> Any:
+    """What an instrument says that looks five times a second."""
+    still_one = settled(instrument, "it", trajectory.duration, np.random.default_rng(seed))
+    eye = Eye("it", still_one, still_one.sampling(trajectory.duration, np.random.default_rng(1)), behind(still_one), seed)
+    for now in np.arange(0.0, trajectory.duration + 40.0, 0.2):
+        eye.look(trajectory, now)
+    return reduce(after, eye.pieces)
+
+
+def at_once(instrument: Instrument[Any], trajectory: Trajectory) -> Any:
+    seen = instrument.ideal(trajectory, instrument.sampling(trajectory.duration, np.random.default_rng(1)))
+    return instrument.record(seen, np.random.default_rng(2))
+
+
+def test_pieces_have_the_partners_and_the_pings_of_the_whole() -> None:
+    trajectory = heaving()
+    beacons = {name: Beacon(north=40.0 * k, east=20.0, depth=30.0, turnaround=9.0) for k, name in enumerate("abc")}
+    ranges = AcousticRange(rate=0.7, beacons=beacons)
+    pieces, whole = piecewise(ranges, trajectory), at_once(ranges, trajectory)
+    assert set(pieces.transmitter) == set("abc")
+    assert np.array_equal(pieces.transmitter, whole.transmitter)
+    assert pieces.travel_time == pytest.approx(whole.travel_time, abs=1e-11)
+    swath = Multibeam(rate=2.0, seabed=plane(30.0, 0.0, 0.0, (-300.0, 300.0, -300.0, 300.0), 5.0), beams=5)
+    assert np.array_equal(piecewise(swath, trajectory).ping, at_once(swath, trajectory).ping)
+
+
+def test_pieces_have_the_fixes_of_the_whole() -> None:
+    """With delays that are sure: cold 3 s, then, after dives of 20 s, 1 s."""
+    stages = (("single", 0.0), ("fixed", 6.0))
+    reception = Reception(cold=3.0, least=3.0, hot=1.0, hot_least=1.0, hot_for=100.0, stages=stages)
+    gnss = Gnss(rate=2.0, max_depth=2.0, reception=reception)
+    trajectory = heaving()
+    pieces, whole = piecewise(gnss, trajectory), at_once(gnss, trajectory)
+    assert np.array_equal(pieces.time, whole.time)
+    assert set(whole.fix_type) == {"none", "single", "fixed"}
+    assert np.array_equal(pieces.fix_type, whole.fix_type)
+    slow = replace(gnss, reception=replace(reception, hot=4.0))
+    counts = [np.sum(piecewise(slow, trajectory, seed).fix_type == "none") for seed in range(4)]
+    assert len(set(counts)) > 1  # each run waits for other times
+
+
+def test_increments_carry_what_is_left_over_and_reach_back_to_the_row_before() -> None:
+    """Sums of what is shown are within half a quantum of sums of what was felt, however many pieces there were."""
+    quantum = 1e-3
+    axes = Triad(quantum=quantum)
+    imu = Imu(rate=50.0, sample="increment", jitter=0.004, gyro_axes=axes, accel_axes=axes)
+    trajectory = heaving()
+    clean = at_once(replace(imu, gyro_axes=Triad(), accel_axes=Triad()), trajectory)
+    pieces = piecewise(imu, trajectory)
+    assert pieces.interval == pytest.approx(clean.interval, abs=1e-12)
+    for shown, felt in ((pieces.delta_angle, clean.delta_angle), (pieces.delta_velocity, clean.delta_velocity)):
+        off = np.cumsum(shown, axis=0) - np.cumsum(felt, axis=0)
+        assert np.max(np.abs(off)) < 0.5 * quantum / 50.0 + 1e-9
+
+
+def test_the_first_interval_begins_where_the_motion_does() -> None:
+    """A motion that is known from -10 s on, and an inertial unit whose rows are 20 s apart."""
+    imu = Imu(rate=0.05, sample="increment")
+    table = at_once(imu, still(HERE, 60.0))
+    assert table.interval == pytest.approx([10.0, 20.0, 20.0, 20.0])
+    assert table.delta_velocity[:, 2] == pytest.approx(-9.8 * table.interval, rel=2e-3)  # gravity of that latitude

@@ -218,8 +218,8 @@ def test_beams_are_lost_one_by_one_and_pings_as_a_whole():
     [
         ({"output": "depth"}, "output"),
         ({"beams": 0}, "0 beams"),
-        ({"swath": 7.0}, "7.0 rad"),
-        ({"range_min": 9.0, "range_max": 5.0}, "9.0 to 5.0"),
+        ({"swath": 7.0}, "7 rad"),
+        ({"range_min": 9.0, "range_max": 5.0}, "9 to 5"),
     ],
 )
 def test_a_sounder_that_is_none_is_refused(change, words):
@@ -234,3 +234,21 @@ def test_a_dive_has_a_swath_table():
     log = simulate(still(HAIFA, 3.0), {"sonar": sonar})
     assert log.tables["sonar"].kind == "swath"
     assert len(log.tables["sonar"]) == 7 * 5
+
+
+def test_a_ping_has_one_stamp_and_pieces_are_numbered_on():
+    sonar, ideal, table = recorded(stamp_offset=0.5, stamp_drift=1e-3, stamp_jitter=0.01)
+    ahead = table.time - ideal.time * 1.001 - 0.5
+    each = ahead.reshape(-1, 41)
+    np.testing.assert_allclose(each, np.tile(each[:, :1], 41), atol=1e-12)
+    assert kstest(each[:, 0] / 0.01, "norm").pvalue > 1e-3
+    np.testing.assert_array_equal(table.device_time, table.time)
+    np.testing.assert_array_equal(table.received, ideal.time)
+    time = sonar.sampling(100.0, np.random.default_rng(0))
+    pieces = [sonar.going_on(time[:k]) for k in (0, 300, 700)]
+    ends = (300, 700, 1001)
+    seen = [one.ideal(still(HAIFA, 100.0), time[one.first : end]) for one, end in zip(pieces, ends, strict=True)]
+    np.testing.assert_array_equal(np.concatenate([part.ping for part in seen]), ideal.ping)
+    lossy = [replace(one, loss=0.3, latency=0.1).record(part, np.random.default_rng(2)) for one, part in zip(pieces, seen, strict=True)]
+    share = sum(len(np.unique(part.ping)) for part in lossy) / 1001
+    assert share == pytest.approx(0.7, abs=4 * np.sqrt(0.21 / 1001))

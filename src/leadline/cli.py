@@ -150,9 +150,9 @@ def simulate(
     from leadline.report.simulation import summary, text
 
     if as_json:
-        _print_json(summary(log, found.vehicle.name, found.hull.name, seed))
+        _print_json(summary(log, found.vehicle.name, found.hull.name, seed, found.not_simulated))
         return
-    _print_rich(text(log, found.vehicle.name, found.hull.name, seed))
+    _print_rich(text(log, found.vehicle.name, found.hull.name, seed, found.not_simulated))
     print(f"log: {out}")
 
 

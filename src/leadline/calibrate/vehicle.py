@@ -335,9 +335,8 @@ def _amperes(data: Recorded) -> tuple[float, ...]:
 def _notes(found: Fit) -> tuple[str, ...]:
     notes = []
     if not found.converged:
-        notes.append(
-            "the search did not settle: nothing is determined, and sigmas are too small; is this the right hull to start from, is the Doppler log calibrated?"
-        )
+        what = "the search did not settle: nothing is determined, and sigmas are too small"
+        notes.append(f"{what}; is this the right hull to start from, and is the Doppler log calibrated?")
     if found.stray > RESTLESS:
         what = f"velocities stray by {found.stray:.1f} times their noise from the motion that thrusters and drag explain"
         why = "waves, a changing current, errors of a solution that wander"

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from leadline.simulate.voyage import Voyage
 
 STEP = 2  # ticks between words of the navigator
-REACH = 6.0  # s that an acoustic instrument is behind: its echoes must be back
+REACH = 6.0  # s that an acoustic instrument is behind, with the longest turn-around on top: an echo that takes longer is lost
 MEMORY = 60.0  # s of the past that instruments can look at: those that low-pass need some of it
 
 
@@ -67,13 +67,14 @@ class Eye:
         if last == self.done:
             return None
         first = int(np.searchsorted(self.moments, self.moments[self.done] - 0.5 * MEMORY)) if self.instrument_remembers else self.done
-        seen: Table = self.instrument.ideal(trajectory, self.moments[first:last])
+        instrument = self.instrument.going_on(self.moments[:first])
+        seen: Table = instrument.ideal(trajectory, self.moments[first:last])
         if first < self.done:
             seen = seen.select(seen.time > self.moments[self.done - 1])
         if not len(seen):
             self.done = last
             return None
-        table: Table = self.instrument.record(seen, stream(self.seed, f"piece/{self.name}/{self.done}"))
+        table: Table = instrument.record(seen, stream(self.seed, f"piece/{self.name}/{self.done}"))
         table, self.done = self.befallen(table) if self.faults else table, last
         if not len(table):
             return None
@@ -118,14 +119,24 @@ def eyes_of(recorder: Recorder, mission: Mission, longest: float, seed: int) -> 
     """Return what looks, the inertial unit last: rows before the inputs that cover them."""
     found = []
     for name, instrument in recorder.instruments.items():
-        still = settled(instrument, name, longest, stream(seed, f"settled/{name}"))
+        own = instrument.among(lambda what: what.drawn(longest, stream(seed, f"sea/{what.name}")))
+        still = settled(own, name, longest, stream(seed, f"settled/{name}"))
         moments = still.sampling(longest, stream(seed, f"sampling/{name}"))
         faults = tuple(fault for fault in mission.faults if fault.sensor == name)
         if isinstance(still, simulated.Imu) and any(isinstance(fault, StuckValue) for fault in faults):
             problem = f"stuck_value of '{name}': its rows are too many to remember where the vehicle steers by its estimate"
             raise InputError(f"{mission.path}: faults", problem, "another sensor")
-        found.append(Eye(name, still, moments, REACH if isinstance(still, Acoustic) else 0.0, seed, faults))
+        found.append(Eye(name, still, moments, behind(still), seed, faults))
     return sorted(found, key=lambda eye: eye.name == mission.vehicle.process.imu)
+
+
+def behind(instrument: Instrument[Any]) -> float:
+    """Return by how much (s) an instrument is looked at late, so that its echoes are back; at most half of what is remembered."""
+    if not isinstance(instrument, Acoustic):
+        return 0.0
+    partners = [*instrument.beacons.values(), *instrument.platforms.values()]
+    waits = [float(partner.turnaround) for partner in partners] + [float(getattr(instrument, "turnaround", 0.0))]
+    return min(REACH + max(waits), 0.5 * MEMORY)
 
 
 def recent_of(parts: list[Array]) -> Array:

@@ -1,25 +1,25 @@
 """Which keys an instrument of the simulator may have, in human units: [instruments.NAME] of a mission, `simulated` in a vehicle file.
 
 A key is the name of a field and its unit; so each class below lists its fields with their units.  A field that wanders (`Drift`) is a
-table of its own: constant, turn_on, steady, tau_s, walk, flicker, each in the unit of the field.
+table of its own: constant, turn_on, steady, tau_s, walk, flicker, each in the unit of the field.  How many numbers a key takes follows from
+its default, or stands in `SHAPES` and `AXES`; between which bounds they lie, in `BOUNDS`: a name means the same in every kind.
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from leadline.data.errors import InputError, suggestion
 from leadline.data.vehicle import HUMAN_UNITS
 from leadline.data.vehicle_keys import shown
 from leadline.simulate.drift import Drift
 from leadline.simulate.gyros import Triad
-from leadline.simulate.reception import Reception
+from leadline.simulate.reception import ORDER, Reception
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from dataclasses import Field
 
     from leadline.simulate.instrument import Instrument
@@ -110,12 +110,64 @@ RECEPTION: Units = {
 }
 
 
+TINY, HUGE = 1e-9, 1e12  # what is above zero, and what no instrument is, in whatever unit
+Span = tuple[float, float]
+ABOVE, NOT_BELOW, SHARE, ANY = (TINY, HUGE), (0.0, HUGE), (0.0, 1.0), (-HUGE, HUGE)
+BOUNDS: Mapping[Span, str] = {  # in the unit of the key; of names that begin with sigma: 0 or more
+    ABOVE: "tau tilt_tau range_50 range_width range_max limit fall",
+    NOT_BELOW: """
+        offset jitter latency latency_jitter stamp_jitter quantum turn_on steady walk flicker gyro_density accel_density lag atmosphere
+        opening range_min beam_sigma beacon_sigma outlier_size outlier_delay echo_delay turnaround cell_start cell_end
+        cold least hot hot_least hot_for stages""",
+    SHARE: "loss dropout beam_loss outlier_fraction echo_fraction lapse wash tilt_gain",
+    ANY: """
+        stop stamp_offset stamp_drift clock_offset clock_drift lever_arm_b mounting_bs transponder_b scale constant g_sensitivity hard_iron
+        soft_iron motor_coupling swing azimuths max_depth mean depth snr""",
+    (1e-5, 2000.0): "rate", (5e-4, HUGE): "interval_min interval_max", (1000.0, 2000.0): "sound_speed", (500.0, 2000.0): "density",
+    (1.0, 89.0): "tilt", (1, 4096): "beams", (1, 20): "peaks", (0.0, 359.0): "swath", (4.0, 100.0): "satellites",
+}  # fmt: skip
+SPANS: Mapping[str, Span] = {name: span for span, names in BOUNDS.items() for name in names.split()}
+Shape = tuple[int, ...]  # lengths of lists in lists; -1: any length
+SHAPES: Mapping[str, Shape] = {"soft_iron": (3, 3), "motor_coupling": (3, -1), "azimuths": (-1,)}
+AXES: Mapping[str, int] = {  # of what wanders; of others one
+    "imu": 3, "magnetometer": 3, "attitude": 3, "gnss": 3, "position_fix": 2, "dvl": 3, "water_velocity": 3, "water_current": 3,
+}  # fmt: skip
+PATHS = ("one_way", "two_way")
+TIMES = ("travel_time", "range")
+VELOCITIES = ("velocity", "beams", "both")
+WORDS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "imu": {"sample": ("mean", "instant", "increment")}, "position_fix": {"output": ("geographic", "local")},
+    "dvl": {"output": VELOCITIES}, "water_velocity": {"output": VELOCITIES}, "swath": {"output": TIMES},
+    "acoustic_range": {"path": (*PATHS, "difference"), "output": TIMES},
+    "usbl": {"path": PATHS, "output": TIMES, "frame": ("sensor", "level")},
+    "usbl_fix": {"path": PATHS, "output": TIMES}, "short_baseline": {"output": ("fix", "range")},
+}  # fmt: skip
+PARTNERS = ("kind", "aboard", "platforms", "beacons", "transducers", "receivers_m")  # no fields of an instrument: equipment.py reads them
+
+
+def span_of(name: str) -> Span:
+    """Return between which bounds (in the unit of its key) a field lies; raises KeyError for one that is no number."""
+    return NOT_BELOW if name.startswith("sigma") else SPANS[name]
+
+
 def with_keys(instrument: Instrument[Any], kind: str, raw: Mapping[str, Any], where: str) -> Instrument[Any]:
     """Return an instrument with the fields that the keys of a file set.
 
-    Raises InputError, which names the key, for one that the kind does not have and for a value of another type.
+    Raises InputError, which names the key, for one that the kind does not have, for a value of another type or shape or out of its bounds,
+    and for values that do not go together.
     """
-    return replace(instrument, **fields_of(type(instrument), kind, raw, where))
+    found = fields_of(type(instrument), kind, raw, where)
+    with placed_at(where):
+        return replace(instrument, **found)
+
+
+@contextmanager
+def placed_at(where: str) -> Iterator[None]:
+    """Let an InputError that is raised within say where in a file its cause stands."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(where, error.found, error.right) from error
 
 
 def fields_of(made: type[Instrument[Any]], kind: str, raw: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -125,12 +177,15 @@ def fields_of(made: type[Instrument[Any]], kind: str, raw: Mapping[str, Any], wh
     known = {_key(name, unit, own[name]): name for name, unit in units.items()}
     found = {}
     for key, value in raw.items():
-        if key in ("kind", "aboard", "platforms", "beacons", "transducers", "receivers_m"):
+        if key in PARTNERS:
             continue
         if key not in known:
             raise InputError(f"{where}.{key}", f"is no key of an instrument of kind '{kind}'", suggestion(key, known))
         name = known[key]
-        found[name] = _value(value, own[name], units[name], f"{where}.{key}")
+        words = WORDS.get(kind, {}).get(name)
+        if words and value not in words:
+            raise InputError(f"{where}.{key}", shown(value), f"one of {', '.join(words)}")
+        found[name] = _value(value, own[name], name, units[name], f"{where}.{key}", AXES.get(kind, 1))
     return found
 
 
@@ -144,30 +199,27 @@ def _key(name: str, unit: str, default: Any) -> str:
     return plain if not unit or isinstance(default, (Drift, Triad)) or name in ("reception", "sigmas") else f"{plain}_{unit}"
 
 
-def _value(value: Any, default: Any, unit: str, where: str) -> Any:
+def _value(value: Any, default: Any, name: str, unit: str, where: str, axes: int) -> Any:
     if isinstance(default, Drift):
         drift_units = {**dict.fromkeys(DRIFT, unit), "walk": f"{unit}_per_rts", "tau": "s"}
-        return Drift(**_table(value, drift_units, where))
+        return Drift(**_table(value, drift_units, where, {"constant": axes}))
     if isinstance(default, Triad):
-        return Triad(**_table(value, {**TRIAD, "quantum": unit, "limit": unit}, where))
-    if where.endswith(".reception"):
+        return Triad(**_table(value, {**TRIAD, "quantum": unit, "limit": unit}, where, {"scale": 3}))
+    if name == "reception":
         return _reception(value, where)
-    if where.endswith(".sigmas"):
-        return {name: _numbers(row, 1.0, f"{where}.{name}") for name, row in _dict(value, where).items()}
+    if name == "sigmas":
+        return _sigmas(value, where)
     if isinstance(default, bool) or (isinstance(default, str) and not unit):
         if type(value) is not type(default):
             raise InputError(where, shown(value), "true or false" if isinstance(default, bool) else "a text in quotes")
         return value
-    if isinstance(default, int) and not unit:
-        if type(value) is not int:
-            raise InputError(where, shown(value), "a whole number")
-        return value
-    found = _numbers(value, factor(unit), where)
-    if isinstance(default, tuple) and not isinstance(found, tuple):
-        if default and len(default) == 3 and all(isinstance(v, float) for v in default):
-            return (found,) * len(default)
-        raise InputError(where, shown(value), "a list of numbers")
-    return found
+    if isinstance(default, int) and not unit and type(value) is not int:
+        raise InputError(where, shown(value), "a whole number")
+    shape = SHAPES.get(name, (len(default),) if isinstance(default, tuple) else ())
+    if shape and name.startswith("sigma") and not isinstance(value, list):
+        value = [value] * shape[0]  # the same for all
+    found = _numbers(value, span_of(name), factor(unit), where, shape)
+    return int(found) if isinstance(default, int) and not isinstance(default, bool) and not unit else found
 
 
 def _reception(value: Any, where: str) -> Reception:
@@ -179,18 +231,32 @@ def _reception(value: Any, where: str) -> Reception:
             raise InputError(
                 f"{where}.stages", shown(stages), '[["single", 0.0], ["fixed", 30.0]]: fix types and seconds after the first fix'
             )
-        found["stages"] = tuple((name, float(after)) for name, after in stages)
-    return Reception(**found)
+        found["stages"] = tuple((name, _numbers(after, NOT_BELOW, 1.0, f"{where}.stages")) for name, after in stages)
+    with placed_at(where):
+        return Reception(**found)
 
 
-def _table(value: Any, units: Mapping[str, str], where: str) -> dict[str, Any]:
+def _sigmas(value: Any, where: str) -> dict[str, Any]:
+    found = {}
+    for name, row in _dict(value, where).items():
+        if name not in ORDER[1:]:
+            raise InputError(f"{where}.{name}", "is no kind of fix", suggestion(name, ORDER[1:]))
+        found[name] = _numbers(row, NOT_BELOW, 1.0, f"{where}.{name}", (3,))
+    return found
+
+
+def _table(value: Any, units: Mapping[str, str], where: str, many: Mapping[str, int] | None = None) -> dict[str, Any]:
+    """Return the fields of a table of numbers; many: how many a list of some of them has."""
     known = {f"{name}_{unit}" if unit else name: (name, unit) for name, unit in units.items()}
     found = {}
     for key, part in _dict(value, where).items():
         if key not in known:
             raise InputError(f"{where}.{key}", "is not known", suggestion(key, known))
         name, unit = known[key]
-        found[name] = _numbers(part, factor(unit), f"{where}.{key}")
+        count = (many or {}).get(name, 0)
+        each = [part] * count if name == "scale" and not isinstance(part, list) else part
+        shape = (count,) if count and isinstance(each, list) else ()
+        found[name] = _numbers(each, span_of(name), factor(unit), f"{where}.{key}", shape)
     return found
 
 
@@ -210,9 +276,32 @@ def _dict(value: Any, where: str) -> Mapping[str, Any]:
     return value
 
 
-def _numbers(value: Any, scale: float, where: str) -> Any:
-    if isinstance(value, list):
-        return tuple(_numbers(part, scale, where) for part in value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+def _numbers(value: Any, span: Span, scale: float, where: str, shape: Shape = ()) -> Any:
+    """Return a number, or lists in lists of the lengths `shape`, times `scale`; raises InputError for another shape, and beyond `span`."""
+    if shape:
+        if not isinstance(value, list) or shape[0] not in (-1, len(value)):
+            raise InputError(where, shown(value), _listed(shape))
+        found = tuple(_numbers(part, span, scale, where, shape[1:]) for part in value)
+        if len(shape) > 1 and len({len(row) for row in found}) > 1:
+            raise InputError(where, shown(value), "rows of one length")
+        return found
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= HUGE:
         raise InputError(where, shown(value), "a finite number")
+    if not span[0] <= value <= span[1]:
+        raise InputError(where, shown(value), _bounded(span))
     return float(value) * scale
+
+
+def _listed(shape: Shape) -> str:
+    count = "" if shape[0] < 0 else f"{shape[0]} "
+    if len(shape) == 1:
+        return f"a list of {count}numbers"
+    return f"a list of {count}rows of numbers" if shape[1] < 0 else f"a list of {count}rows of {shape[1]} numbers"
+
+
+def _bounded(span: Span) -> str:
+    """Return bounds in words."""
+    low, high = span
+    if high < HUGE:
+        return f"{low:g} to {high:g}"
+    return "above 0" if low == TINY else f"{low:g} or more"

@@ -12,24 +12,27 @@ from leadline.missions.fault_windows import Target
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from leadline.data.vehicle import Vehicle
+    from leadline.data.vehicle import SensorConfig, Vehicle
     from leadline.missions.fault_windows import FaultKeys
     from leadline.simulate.faults import Fault
 
 __all__ = ["FAULTS", "faults_of"]
 
 
-def faults_of(raw: Sequence[Any], where: str, vehicle: Vehicle | None = None) -> tuple[Fault, ...]:
+def faults_of(
+    raw: Sequence[Any], where: str, vehicle: Vehicle | None = None, added: Mapping[str, SensorConfig] | None = None
+) -> tuple[Fault, ...]:
     """Return the faults (SI) of the tables [[faults]] of a mission file called `where`, in their order.
 
-    With a `vehicle` sensors are looked up in it, and the geometry of a Doppler log is that of its file; without, names are taken as they
-    are, and a mounting is none.  Raises InputError, which names the key, for an unknown kind or key, a value of the wrong type or out of
-    range, a window that ends before it begins, and a sensor that is not aboard or cannot have the fault.
+    With a `vehicle` sensors are looked up in it, then in what the mission has `added`, and the geometry of a Doppler log is that of its
+    file; without, names are taken as they are, and a mounting is none.  Raises InputError, which names the key, for an unknown kind or
+    key, a value of the wrong type or out of range, a window that ends before it begins, and a sensor that is not aboard or cannot have
+    the fault.
     """
-    return tuple(_fault(keys, f"{where}: faults[{number}]", vehicle) for number, keys in enumerate(raw))
+    return tuple(_fault(keys, f"{where}: faults[{number}]", vehicle, added or {}) for number, keys in enumerate(raw))
 
 
-def _fault(raw: Any, where: str, vehicle: Vehicle | None) -> Fault:
+def _fault(raw: Any, where: str, vehicle: Vehicle | None, added: Mapping[str, SensorConfig]) -> Fault:
     if not isinstance(raw, dict):
         raise InputError(where, shown(raw), "a table of keys")
     kind = raw.get("kind")
@@ -38,25 +41,31 @@ def _fault(raw: Any, where: str, vehicle: Vehicle | None) -> Fault:
     if not isinstance(kind, str) or kind not in FAULTS:
         raise InputError(f"{where}.kind", f"{shown(kind)} is not known", suggestion(str(kind), FAULTS))
     keys = checked(FAULTS[kind], raw, where, "give it")
-    return keys.fault(_target(keys, where, vehicle))
+    return keys.fault(_target(keys, where, vehicle, added))
 
 
-def _target(keys: FaultKeys, where: str, vehicle: Vehicle | None) -> Target:
+def _target(keys: FaultKeys, where: str, vehicle: Vehicle | None, added: Mapping[str, SensorConfig]) -> Target:
     """Return the sensor that a fault befalls."""
     if vehicle is None:
         if not (keys.sensor or keys.usual):
             raise InputError(where, "has no 'sensor'", "give the name of one")
         return Target(keys.sensor or keys.usual, None, where)
-    fitting = {name: config.kind for name, config in vehicle.sensors.items() if not keys.kinds or config.kind in keys.kinds}
-    name = keys.sensor or _likely(keys, fitting)
+    own, more = (_fitting(keys, sensors) for sensors in (vehicle.sensors, added))
+    known, fitting = {**added, **vehicle.sensors}, more | own
+    name = keys.sensor or _likely(keys, own) or _likely(keys, fitting)
     if name is None:
         right = f"give one of {', '.join(fitting)}" if fitting else f"{vehicle.name} has none of kind {' or '.join(keys.kinds)}"
         raise InputError(where, "has no 'sensor'", right)
-    if name not in vehicle.sensors:
+    if name not in known:
         raise InputError(f"{where}.sensor", f"'{name}' is no sensor of {vehicle.name}", suggestion(name, fitting))
     if name not in fitting:
-        raise InputError(f"{where}.sensor", f"'{name}' is of kind {vehicle[name].kind}", f"a sensor of kind {' or '.join(keys.kinds)}")
-    return Target(name, vehicle[name], where)
+        raise InputError(f"{where}.sensor", f"'{name}' is of kind {known[name].kind}", f"a sensor of kind {' or '.join(keys.kinds)}")
+    return Target(name, known[name], where)
+
+
+def _fitting(keys: FaultKeys, sensors: Mapping[str, SensorConfig]) -> dict[str, str]:
+    """Return by name the kinds of the sensors that can have a fault."""
+    return {name: config.kind for name, config in sensors.items() if not keys.kinds or config.kind in keys.kinds}
 
 
 def _likely(keys: FaultKeys, fitting: Mapping[str, str]) -> str | None:

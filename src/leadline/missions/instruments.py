@@ -1,7 +1,8 @@
 """The simulated instruments that a vehicle file describes: one file, read once by the filter and once by the simulator.
 
 What the filter takes for Gaussian with a sigma is drawn with that sigma: a bias as a turn-on value and a random walk of density
-instability / sqrt(tau), a nuisance by its prior, white noise by its density.  What the simulator cannot make is refused.
+instability / sqrt(tau), a nuisance by its prior, white noise by its density.  What the simulator cannot make is refused; priors of lever
+arms, times and clocks, and of scale and misalignment of an inertial unit, are not drawn, and refused where they state a value.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from leadline.core.attitude import euler_from_quaternion, exponential, matrix_from_quaternion, quaternion_from_matrix
 from leadline.data.errors import InputError
 from leadline.data.vehicle import Prior
+from leadline.missions.undrawn import check_undrawn
 from leadline.simulate import instruments as simulated
 from leadline.simulate.instruments import STILL, Drift, Surrounding
 
@@ -44,6 +46,7 @@ def instruments_of(
     sensor without a rate, and for a prior that the simulator cannot draw from.
     """
     given, around = rates or {}, Around(beacons or {}, vehicle.shared, sea)
+    check_undrawn(vehicle)
     return {
         name: MAKERS[config.kind](config, given.get(name) or float(config.value("rate")), around)
         for name, config in vehicle.sensors.items()

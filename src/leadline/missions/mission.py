@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from leadline.data.log import Beacon
 from leadline.data.vehicle import DEGREE, read_vehicle, si
 from leadline.data.vehicle_keys import checked
 from leadline.missions import mission_keys as keys
+from leadline.missions.equipment import added, carried
 from leadline.missions.fault_keys import faults_of
 from leadline.missions.sea_of import Sea, sea_of
 from leadline.simulate.dive import StartSigmas
@@ -62,8 +63,15 @@ class Mission:
     delay: float = 0.0
     note: str = ""
 
+    @property
+    def not_simulated(self) -> tuple[str, ...]:
+        """Names of sensors of the vehicle file that no log will hold: of kinds that are simulated only where the mission says more."""
+        ashore = {name for name, own in self.instruments.items() if not own.get("aboard", True)}
+        return tuple(sorted(set(self.vehicle.sensors) - set(carried(self)) - ashore))
+
     def voyage(self) -> Voyage:
-        """Return the voyage, at its start; raises InputError where the hull cannot follow the plan."""
+        """Return the voyage, at its start; raises InputError where the hull cannot follow the plan, and as `carried` for instruments."""
+        carried(self)
         return Voyage(
             self.hull, self.plan, self.place, self.sea.chart, self.depth, self.heading, self.speed, self.sea.density, self.duration
         )
@@ -73,7 +81,8 @@ def read_mission(path: str | Path) -> Mission:
     """Read a mission file; paths in it count from its own folder.
 
     Raises InputError, one line, which names the file and the key, for wrong TOML, an unknown key, a value out of range, an unknown hull,
-    vehicle or shape, and a plan that its hull cannot follow.
+    vehicle or shape, for instruments that are none, that do not fit the vehicle or lack whom they speak with, and for faults that befall
+    nothing aboard.
     """
     where = Path(path)
     given = checked(keys.MissionKeys, _toml(where), str(where), "give it")
@@ -83,7 +92,7 @@ def read_mission(path: str | Path) -> Mission:
     sea = sea_of(given.sea, home, where, given.duration_s)
     place = Place(*home, 0.0, given.origin.geoid_undulation_m, sea.water)
     start = given.start
-    return Mission(
+    mission = Mission(
         name=given.name,
         path=where,
         epoch=given.epoch,
@@ -107,11 +116,11 @@ def read_mission(path: str | Path) -> Mission:
         beacons={name: Beacon(**values(one)) for name, one in given.beacons.items()},
         platforms={name: _platform(one, place) for name, one in given.platforms.items()},
         instruments=given.instruments,
-        faults=faults_of(given.faults, str(where), vehicle),
         steer_by=given.navigation.steer_by,
         delay=given.navigation.delay_s,
         note=given.note,
     )
+    return replace(mission, faults=faults_of(given.faults, str(where), vehicle, added(mission, carried(mission))))
 
 
 def values(model: Any) -> dict[str, Any]:

@@ -3,15 +3,45 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from leadline.data.sensor_keys import Finite, Keys, NotNegative, Positive
 
 Pair = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=360)]
+Seed = Annotated[int, Field(ge=0)]
+Length = Annotated[float, Field(ge=0.1, allow_inf_nan=False)]  # of what is sailed (m)
+NODES = 2.5e7  # that the ground may have: 200 MB
+
+
+def zoned(value: datetime) -> datetime:
+    """Return a date and time; refuses one that does not say of which zone."""
+    if value.tzinfo is None:
+        raise PydanticCustomError("zone", "give it with Z")
+    return value
+
+
+def placed(pair: list[float]) -> list[float]:
+    """Return latitude and longitude; refuses what is none."""
+    if not (abs(pair[0]) <= 90.0 and -180.0 <= pair[1] <= 360.0):
+        raise PydanticCustomError("placed", "latitude -90 to 90, longitude -180 to 360")
+    return pair
+
+
+def bent(radius: float) -> float:
+    """Return a radius; refuses one that is too small to be sailed, to port or to starboard."""
+    if not abs(radius) >= 0.1:
+        raise PydanticCustomError("bent", "0.1 or more in size")
+    return radius
+
+
+Geographic = Annotated[Pair, AfterValidator(placed)]
+Radius = Annotated[float, Field(allow_inf_nan=False), AfterValidator(bent)]
+Turns = Annotated[float, Field(ge=0.01, le=1000)]
 
 
 class Origin(Keys):
@@ -60,7 +90,7 @@ class Wandering(Keys):
 
     sigma_mps: NotNegative
     tau_s: Positive
-    seed: int = 0
+    seed: Seed = 0
 
 
 class Current(Keys):
@@ -80,7 +110,7 @@ class Waves(Keys):
     period_s: Positive
     heading_deg: Finite = 0.0
     gamma: Annotated[float, Field(ge=1, le=10)] = 3.3
-    seed: int = 0
+    seed: Seed = 0
 
 
 class Tide(Keys):
@@ -98,20 +128,31 @@ class SoundRow(Keys):
     speed_mps: Annotated[float, Field(ge=1300, le=1700)]
 
 
-class Fractal(Keys):
+class Square(Keys):
+    """A square of ground: its grid is one, and fits into memory."""
+
+    size_m: Positive
+    step_m: Positive
+
+    @model_validator(mode="after")
+    def _small(self) -> Self:
+        if not 4.0 <= (self.size_m / self.step_m + 1.0) ** 2 <= NODES:
+            raise PydanticCustomError("nodes", "size_m from one step_m to 4999 of them: the square of that is its number of nodes")
+        return self
+
+
+class Fractal(Square):
     """Ground of a stated roughness: spectrum k^-beta, sigma of the depth or RMS slope, from a seed of its own."""
 
     depth_m: Positive
-    size_m: Positive
-    step_m: Positive
     beta: Annotated[float, Field(gt=1, lt=5)] = 3.2
     sigma_m: NotNegative | None = None
     rms_slope: NotNegative | None = None
-    seed: int = 0
+    seed: Seed = 0
     centre_m: Pair = [0.0, 0.0]
 
 
-class Plane(Keys):
+class Plane(Square):
     """A level or sloping ground."""
 
     depth_m: Positive
@@ -184,15 +225,15 @@ class Placed(Leg):
 class Waypoints(Leg):
     """Points to go through, in metres from the origin, or latitude and longitude."""
 
-    through_m: list[Pair] | None = None
-    through_deg: list[Pair] | None = None
+    through_m: Annotated[list[Pair], Field(min_length=1)] | None = None
+    through_deg: Annotated[list[Geographic], Field(min_length=1)] | None = None
 
 
 class Lawnmower(Placed):
     """Parallel lines."""
 
     legs: Annotated[int, Field(ge=1, le=500)]
-    length_m: Positive
+    length_m: Length
     spacing_m: Finite
     square: bool = False
 
@@ -200,37 +241,37 @@ class Lawnmower(Placed):
 class Sides(Placed):
     """A triangle or a square."""
 
-    length_m: Positive
+    length_m: Length
     laps: Annotated[int, Field(ge=1, le=500)] = 1
 
 
 class Circle(Placed):
     """A circle."""
 
-    radius_m: Finite
-    turns: Positive = 1.0
+    radius_m: Radius
+    turns: Turns = 1.0
 
 
 class Spiral(Placed):
     """A helix."""
 
-    radius_m: Finite
-    turns: Positive
+    radius_m: Radius
+    turns: Turns
     end_depth_m: Finite
 
 
 class Sine(Placed):
     """A sine."""
 
-    length_m: Positive
+    length_m: Length
     amplitude_m: Finite
-    wavelength_m: Positive
+    wavelength_m: Annotated[float, Field(ge=0.5, allow_inf_nan=False)]
 
 
 class Ell(Placed):
     """An L and back."""
 
-    length_m: Positive
+    length_m: Length
     width_m: Finite
 
 
@@ -297,9 +338,9 @@ class MissionKeys(Keys):
     vehicle: str
     hull: str
     note: str = ""
-    epoch: datetime
+    epoch: Annotated[datetime, AfterValidator(zoned)]
     duration_s: Positive | None = None
-    truth_rate_hz: Positive = 10.0
+    truth_rate_hz: Annotated[float, Field(gt=0, le=2000)] = 10.0
     origin: Origin
     start: Start = Start()
     sea: Sea = Sea()

@@ -33,11 +33,13 @@ class Sea:
     chart: Chart | None = None
     sound: SoundProfile | None = None
     density: float = 1025.0
+    weighed: bool = False  # whether the mission states the density: then pressure follows from it
 
 
 def sea_of(given: keys.Sea, home: tuple[float, float], where: Path, duration: float | None) -> Sea:
     """Return the sea; raises InputError for a current or a ground that is given twice or not at all."""
-    return Sea(_water(given, where, duration), _chart(given.terrain, home, where), _sound(given, where), given.density_kgpm3)
+    weighed = "density_kgpm3" in given.model_fields_set
+    return Sea(_water(given, where, duration), _chart(given.terrain, home, where), _sound(given, where), given.density_kgpm3, weighed)
 
 
 def _water(given: keys.Sea, where: Path, duration: float | None) -> Water:

@@ -73,8 +73,8 @@ def simulate_folder(
 ) -> tuple[Mission, Log]:
     """Simulate a mission file and write the folder of its log; returns both.
 
-    Beside its tables lie the mission and its vehicle, `mission.toml` and `vehicle.toml`, and with a ground its chart, `chart.asc`.  Raises InputError, before anything
-    is written, for a wrong mission file or place.
+    Beside its tables lie the mission and its vehicle, `mission.toml` and `vehicle.toml`, and with a ground its chart, `chart.asc`.
+    Raises InputError, before anything is written, for a wrong mission file or place.
     """
     mission = read_mission(path)
     check_place(out, MISSION)  # a log that was simulated may be replaced; a recorded one has no mission

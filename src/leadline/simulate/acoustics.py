@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from leadline.data import records
 from leadline.data.errors import InputError
 from leadline.data.log import Beacon
 from leadline.simulate.instrument import Flags, Instrument, Vector
-from leadline.simulate.platforms import Carrier, Fixed, Moving, beacon_position_e
+from leadline.simulate.platforms import Carrier, Fixed, Moving, beacon_position_e, surface_at
 from leadline.simulate.positions import displaced
 
 if TYPE_CHECKING:
@@ -61,15 +61,20 @@ class Turns:
         return np.asarray(np.array([carrier.turnaround for carrier in self.carriers])[self.turn])
 
     @property
+    def ends(self) -> Array:
+        """Time by row up to which it is known where they are (s)."""
+        return np.asarray(np.array([carrier.end for carrier in self.carriers])[self.turn])
+
+    @property
     def afloat(self) -> Flags:
         """Which rows are with something that says itself where it is."""
         return np.asarray(np.array([not isinstance(carrier, Fixed) for carrier in self.carriers])[self.turn])
 
     def position_e(self, time: Array) -> Array:
-        """Return Earth-fixed positions (rows, 3) of their transducers, at a time (s) for each row."""
+        """Return Earth-fixed positions (rows, 3) of their transducers, at a time (s) for each row, at most that of their ends."""
         place = np.empty((len(time), 3))
         for k, carrier in enumerate(self.carriers):
-            place[self.turn == k] = carrier.transducer_e(time[self.turn == k])
+            place[self.turn == k] = carrier.transducer_e(np.minimum(time[self.turn == k], carrier.end))
         return place
 
 
@@ -89,7 +94,7 @@ class Acoustic(Instrument[T]):
     Sound runs straight at `sound_speed` (m/s); with a `profile` along the fastest direct ray, over the horizontal distance that with
     the difference in depth makes up the chord, so that a uniform profile changes nothing; where there is no direct ray there is no row.
     (Layers follow no curve of the Earth: in 0.017/s of gradient 4 mm at 3 km, 0.15 m at 10 km.)  `sound_speed` alone turns times into
-    ranges, where `output` is "range".
+    ranges, where `output` is "range".  A sound that is not there before the end of what is known of both motions has no row.
     Lost is a fraction `dropout`, and beyond that 1 / (1 + exp(-(distance - range_50) / range_width)), and all beyond `range_max` (m).
     The turn-around is off by N(0, `sigma_turnaround`) (s), its column is not.  One way, the other clock shows `clock_offset` +
     `clock_drift` t (s, s/s) more than ours at our t, and stamps the transmission.  Times of flight are whole multiples of `quantum` (s).
@@ -112,15 +117,21 @@ class Acoustic(Instrument[T]):
     range_width: float = 50.0
     range_max: float = np.inf
     output: str = "travel_time"
+    first: int = 0  # number of the first ping: of a piece of a dive those before it
+
+    def going_on(self, moments: Array) -> Self:
+        """Return the instrument as it goes on after pings at earlier `moments` (s): whose turn it is."""
+        return replace(self, first=len(moments))
 
     def turns(self, place: Place, rows: int) -> Turns:
         """Return who is spoken to in each row; raises InputError where a name stands for two."""
         both = set(self.beacons) & set(self.platforms)
         if both:
             raise InputError(type(self).__name__, f"'{min(both)}' is a beacon and a platform", "give each a name of its own")
-        known = {name: Fixed(beacon, place) for name, beacon in self.beacons.items()} | dict(self.platforms)
+        afloat = {name: one.afloat_on(place) if isinstance(one, Moving) else one for name, one in self.platforms.items()}
+        known: dict[str, Carrier] = {**{name: Fixed(beacon, place) for name, beacon in self.beacons.items()}, **afloat}
         names = tuple(sorted(known))
-        return Turns(names, tuple(known[name] for name in names), np.arange(rows) % len(names))
+        return Turns(names, tuple(known[name] for name in names), np.arange(self.first, self.first + rows) % len(names))
 
     def rays(self, a_e: Array, b_e: Array, surface_height: float) -> tuple[Rays, Array, Array]:
         """Return bent rays between ECEF points (rows, 3), and the horizontal distances and differences in depth that they span (m)."""
@@ -138,28 +149,27 @@ class Acoustic(Instrument[T]):
         gap = a_e - b_e
         return np.asarray(np.sqrt(np.sum(gap * gap, axis=-1)) / self.sound_speed)
 
-    def exchange(
-        self, time: Array, ours: Callable[[Array], Array], theirs: Callable[[Array], Array], turnaround: Array, surface_height: float
-    ) -> Exchange:
-        """Return pings at `time` between two points that move: the other one's event, its place then, and the arrival at ours.
+    def exchange(self, time: Array, ours: Callable[[Array], Array], turns: Turns, surface_height: float, end: float = np.inf) -> Exchange:
+        """Return pings at `time` between our point and those who are spoken to: their events, their places then, the arrivals at ours.
 
         Two ways, ours sends at `time` and the other one replies a turn-around after it has heard; else the other one sends at `time`.
+        What comes after `end` (s), up to which our motion is known, or after that of theirs, does not arrive.
         """
         replied = time
         if self.path == "two_way":
-            start = ours(time)
-            replied = solved(time, lambda t: self.flight(theirs(t), start, surface_height)) + turnaround
+            start = ours(np.minimum(time, end))
+            replied = solved(time, lambda t: self.flight(turns.position_e(t), start, surface_height)) + turns.turnaround
         known = np.where(np.isfinite(replied), replied, time)
-        place = theirs(known)
-        arrival = solved(known, lambda t: self.flight(ours(t), place, surface_height))
-        return Exchange(replied, place, np.where(np.isfinite(replied), arrival, np.nan))
+        place = turns.position_e(known)
+        arrival = solved(known, lambda t: self.flight(ours(np.minimum(t, end)), place, surface_height))
+        return Exchange(replied, place, np.where((replied <= turns.ends) & (arrival <= end), arrival, np.nan))
 
-    def told(self, turns: Turns, place_e: Array, surface_height: float) -> dict[str, Any]:
-        """Return the columns of where platforms are at their event, without errors; none where there are only beacons."""
+    def told(self, turns: Turns, event: Array, place_e: Array, sea: Place) -> dict[str, Any]:
+        """Return the columns of where platforms are at their event (s), without errors; none where there are only beacons."""
         if not self.platforms:
             return {}
         latitude, longitude, height = (np.where(turns.afloat, v, np.nan) for v in geodetic_from_ecef(place_e))
-        return {"beacon_latitude": latitude, "beacon_longitude": longitude, "beacon_depth": surface_height - height}
+        return {"beacon_latitude": latitude, "beacon_longitude": longitude, "beacon_depth": surface_at(sea, event) - height}
 
     def told_wrong(self, table: R, generator: Generator) -> R:
         """Return the table with the errors of the platforms' own positions."""
@@ -235,18 +245,18 @@ class AcousticRange(Acoustic[records.AcousticRange]):
         turns, surface = self.turns(trajectory.place, len(time)), trajectory.place.surface_height
         if self.path == "difference":
             return self._differences(trajectory, time, turns)
-        pings = self.exchange(time, lambda t: self._transducer_e(trajectory, t), turns.position_e, turns.turnaround, surface)
+        pings = self.exchange(time, lambda t: self._transducer_e(trajectory, t), turns, surface, trajectory.end)
         columns: dict[str, Any] = {"turnaround": turns.turnaround} if self.path == "two_way" else {}
         table = records.AcousticRange(
             time=pings.arrival, transmit=time, travel_time=pings.arrival - time, transmitter=turns.transmitter,
-            path=np.full(len(time), self.path), **columns, **self.told(turns, pings.place_e, surface),
+            path=np.full(len(time), self.path), **columns, **self.told(turns, pings.replied, pings.place_e, trajectory.place),
         )  # fmt: skip
         return _heard(table)
 
     def _check(self) -> None:
         paths = ("one_way", "two_way", "difference")
         if self.path not in paths or not (self.beacons or self.platforms) or self.output not in ("travel_time", "range"):
-            found = f"path '{self.path}', output '{self.output}', {len(self.beacons)} beacons"
+            found = f"path '{self.path}', output '{self.output}', {len(self.beacons) + len(self.platforms)} beacons and platforms"
             raise InputError("AcousticRange", found, "one_way, two_way or difference, travel_time or range, at least one beacon")
         if self.path == "difference" and (self.reference not in self.receivers or len(self.receivers) < 2):
             found = f"reference '{self.reference}', {len(self.receivers)} receivers"
@@ -261,12 +271,16 @@ class AcousticRange(Acoustic[records.AcousticRange]):
         surface, place = trajectory.place.surface_height, turns.position_e(time)
 
         def arrival(name: str) -> Array:
-            return solved(time, lambda t: self.flight(trajectory.at(t).point(self.receivers[name]).position_e, place, surface))
+            def there(moment: Array) -> Array:
+                return trajectory.at(np.minimum(moment, trajectory.end)).point(self.receivers[name]).position_e
+
+            heard = solved(time, lambda t: self.flight(there(t), place, surface))
+            return np.where((heard <= trajectory.end) & (time <= turns.ends), heard, np.nan)
 
         names = [name for name in sorted(self.receivers) if name != self.reference]
         heard, first = np.stack([arrival(name) for name in names], axis=1), arrival(self.reference)[:, None]
         each, rows = len(names), len(time) * len(names)
-        told: dict[str, Any] = {key: np.repeat(value, each) for key, value in self.told(turns, place, surface).items()}
+        told: dict[str, Any] = {key: np.repeat(value, each) for key, value in self.told(turns, time, place, trajectory.place).items()}
         table = records.AcousticRange(
             time=heard.ravel(), transmit=np.repeat(time, each), travel_time=(heard - first).ravel(),
             transmitter=np.repeat(turns.transmitter, each), receiver=np.tile(names, len(time)),

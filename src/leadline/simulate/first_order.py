@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 STEP = 0.02  # s, the longest between moments at which what is followed is asked for
 CHUNK = 4096  # rows that are made at a time
 SPACING = 2.5  # of the time constants of 1/f noise: the spectrum ripples by 0.2 %
-FLOOR = math.sqrt(2 * math.log(2) / math.pi)  # 0.664: the Allan deviation of 1/f noise of unit instability, at all averaging times
 
 
 @kernel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 
@@ -90,7 +90,8 @@ EVEN = Triad()
 class Imu(Instrument[records.Imu]):
     """Specific force and rate against inertial space at the IMU's point: `sample` is "mean", "instant" or "increment".
 
-    The first interval reaches back by 1 / rate.  An increment is the integral in turning body axes, not a rotation vector.
+    The first interval reaches back by 1 / rate, or to where the motion begins, if that is later.
+    An increment is the integral in turning body axes, not a rotation vector.
     White noise by density (rad/s/sqrt(Hz), m/s^2/sqrt(Hz)): sigma = density / sqrt(interval).  Bias instability and rate random walk are
     the `flicker` and the `walk` of the biases.
     What is shown:  gyro = T_g ((I + M_g) w + G f + bias + noise),  accel = T_a ((I + M_a) f + bias + noise),
@@ -107,16 +108,22 @@ class Imu(Instrument[records.Imu]):
     accel_axes: Triad = EVEN
     g_sensitivity: float = 0.0
     sigma_g_sensitivity: float = 0.0
+    since: float | None = None  # moment (s) of the row before the first: of a piece of a dive
+
+    def going_on(self, moments: Array) -> Self:
+        """Return the instrument as it goes on after rows at earlier `moments` (s)."""
+        return replace(self, since=float(moments[-1])) if len(moments) else self
 
     def intervals(self, time: Array) -> Array:
         """Return the length (s) of the interval that each row covers."""
-        return np.diff(time, prepend=time[:1] - 1 / self.rate)
+        return np.diff(time, prepend=time[:1] - 1 / self.rate if self.since is None else np.full(len(time[:1]), self.since))
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Imu:
         """Return rates and specific forces without errors."""
         if self.sample not in ("mean", "instant", "increment"):
             raise InputError("Imu", f"sample is '{self.sample}'", "mean, instant or increment")
         interval = 0 * time if self.sample == "instant" else self.intervals(time)
+        interval[:1] = np.minimum(interval[:1], time[:1] - trajectory.begin)
         rate, force = means(trajectory, time - interval, time, self.lever_arm_b, nodes=1 if self.sample == "instant" else 5)
         gyro = rate @ self.rotation_bs
         del rate  # of a day each of these takes a fifth of a gigabyte
@@ -130,7 +137,7 @@ class Imu(Instrument[records.Imu]):
 
     def noisy(self, table: records.Imu, generator: Generator) -> records.Imu:
         """Add what is bent, biases and white noise; show that in digits."""
-        span = self.intervals(table.time)[:, None]
+        span = (self.intervals(table.time) if table.interval is None else table.interval)[:, None]
         shape = (len(table), 3)
         gyro, accel = (
             _with_white(bias.draw(table.time, 3, generator), density / np.sqrt(span), generator.standard_normal(shape))

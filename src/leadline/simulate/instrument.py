@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from leadline.core.attitude import matrix_from_euler
 from leadline.data import records
+from leadline.data.errors import InputError
 from leadline.simulate.drift import STEADY
 from leadline.simulate.surroundings import Surrounding
 
@@ -49,7 +50,7 @@ class Instrument(ABC, Generic[T]):
     The clock of the device is `stamp_offset` (s) + `stamp_drift` (s/s) t ahead and stamps with N(0, `stamp_jitter`); the moment of
     arrival is that of the vehicle's computer, whose clock is right.
     The reference point lies at `lever_arm_b` (m) from the body origin; `mounting_bs` holds roll, pitch and heading (rad) of the
-    sensor axes against the body: v_b = R_bs v_s.
+    sensor axes against the body: v_b = R_bs v_s.  Raises InputError for an offset below 0: before its start the dive is not known.
     """
 
     rate: float
@@ -65,6 +66,11 @@ class Instrument(ABC, Generic[T]):
     lever_arm_b: Vector = ZERO
     mounting_bs: Vector = ZERO
 
+    def __post_init__(self) -> None:
+        """Refuse to begin before the dive does."""
+        if self.offset < 0.0:
+            raise InputError(type(self).__name__, f"begins at {self.offset:g} s", "an offset of 0 s or more")
+
     @property
     def rotation_bs(self) -> Array:
         """Rotation (3, 3) from sensor to body axes."""
@@ -75,6 +81,10 @@ class Instrument(ABC, Generic[T]):
         count = int(np.floor((min(self.stop, duration) - self.offset) * self.rate + 1e-6)) + 1
         time = self.offset + np.arange(max(count, 0)) / self.rate
         return np.asarray(time + np.clip(self.jitter * generator.standard_normal(len(time)), -0.4 / self.rate, 0.4 / self.rate))
+
+    def going_on(self, moments: Array) -> Self:  # noqa: ARG002  (most remember nothing)
+        """Return the instrument as it goes on after looks at earlier `moments` (s) of the dive, of which it may be shown the next piece."""
+        return self
 
     def among(self, surroundings: Callable[[Surrounding], Surrounding]) -> Self:
         """Return the instrument in the sea of one run: whatever of its surroundings is drawn anew for each seed, is drawn."""
@@ -95,9 +105,9 @@ class Instrument(ABC, Generic[T]):
         errors, delivery = generator.spawn(2)
         table = self.shown(self.noisy(ideal, errors))
         if self.latency or self.latency_jitter:
-            late = self.latency + np.abs(self.latency_jitter * delivery.standard_normal(len(table)))
+            late = self.latency + np.abs(self.latency_jitter * self.by_look(table, delivery.standard_normal))
             table = replace(table, received=table.time + late)
-        kept = delivery.random(len(table)) >= self.loss if self.loss else None
+        kept = self.by_look(table, delivery.random) >= self.loss if self.loss else None
         table = self.stamped(table, generator)
         return table if kept is None else cast("T", table.select(kept))
 
@@ -105,11 +115,15 @@ class Instrument(ABC, Generic[T]):
         """Return what the device shows of what it measured: by default all of it."""
         return table
 
+    def by_look(self, table: T, draw: Callable[[int], Array]) -> Array:
+        """Return a number (rows,) drawn for each look, of which rows that come together share one; by default each row is a look."""
+        return draw(len(table))
+
     def stamped(self, table: T, generator: Generator) -> T:
         """Return the table with the stamps of the device's clock; what is not late is received at the true moment."""
         if not (self.stamp_offset or self.stamp_drift or self.stamp_jitter):
             return table
-        white = generator.spawn(1)[0].standard_normal(len(table))
+        white = self.by_look(table, generator.spawn(1)[0].standard_normal)
         stamp = table.time + self.stamp_offset + self.stamp_drift * table.time + self.stamp_jitter * white
         return replace(table, time=stamp, device_time=stamp, received=table.time if table.received is None else table.received)
 

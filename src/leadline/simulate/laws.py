@@ -72,6 +72,16 @@ class Driven:
         velocity, acceleration, _ = self._motion(time)
         return time, position - position[KNOT_MARGIN], velocity, acceleration
 
+    @property
+    def begin(self) -> float:
+        """Time (s) of the first knot."""
+        return float(self.knots[0][0])
+
+    @property
+    def end(self) -> float:
+        """Time (s) of the last knot."""
+        return float(self.knots[0][-1])
+
     def __call__(self, time: Array) -> Motion:
         """Return the motion at times (s) between -10 s and the duration + 10 s; raises InputError outside."""
         knots, position, velocity, acceleration = self.knots

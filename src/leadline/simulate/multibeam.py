@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from leadline.data.errors import InputError
 from leadline.simulate.instrument import Instrument, frozen
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.random import Generator
 
     from leadline.data.records import Array
@@ -45,15 +47,21 @@ class Multibeam(Instrument[records.Swath]):
     beam_loss: float = 0.0
     sound_speed: float = 1500.0
     output: str = "range"
+    first: int = 0  # number of the first ping: of a piece of a dive those before it
 
     def __post_init__(self) -> None:
         """Refuse a fan that is none."""
+        super().__post_init__()
         if self.output not in ("range", "travel_time"):
             raise InputError("Multibeam", f"output is '{self.output}'", "range or travel_time")
         if self.beams < 1 or not 0.0 <= self.swath < 2 * np.pi:
-            raise InputError("Multibeam", f"has {self.beams} beams over {self.swath} rad", "at least one, over less than a full turn")
+            raise InputError("Multibeam", f"has {self.beams} beams over {self.swath:g} rad", "at least one, over less than a full turn")
         if not 0.0 <= self.range_min < self.range_max:
-            raise InputError("Multibeam", f"sees from {self.range_min} to {self.range_max} m", "0 <= range_min < range_max")
+            raise InputError("Multibeam", f"sees from {self.range_min:g} to {self.range_max:g} m", "0 <= range_min < range_max")
+
+    def going_on(self, moments: Array) -> Self:
+        """Return the instrument as it goes on after pings at earlier `moments` (s)."""
+        return replace(self, first=len(moments))
 
     @property
     def angles(self) -> Array:
@@ -74,7 +82,7 @@ class Multibeam(Instrument[records.Swath]):
         ping, beam = np.repeat(np.arange(float(len(time))), np.sum(seen, axis=1)), np.nonzero(seen)[1]
         return records.Swath(
             time=frozen(time[ping.astype(np.intp)]), beam=frozen(beam.astype(float)), angle_across=frozen(self.angles[beam]),
-            range=frozen(distance[seen]), ping=frozen(ping), quality=frozen(np.ones(len(ping))),
+            range=frozen(distance[seen]), ping=frozen(ping + self.first), quality=frozen(np.ones(len(ping))),
         )  # fmt: skip
 
     def noisy(self, table: records.Swath, generator: Generator) -> records.Swath:
@@ -101,17 +109,10 @@ class Multibeam(Instrument[records.Swath]):
         frozen(distance)
         return replace(table, **columns, extra=extra)
 
-    def record(self, ideal: records.Swath, generator: Generator) -> records.Swath:
-        """Return the table with errors, as it arrives: a ping arrives as a whole, or not at all."""
-        errors, delivery = generator.spawn(2)
-        table = self.noisy(ideal, errors)
-        ping = cast("Array", table.ping).astype(np.intp)
-        pings = int(ping.max()) + 1 if len(ping) else 0
-        if self.latency or self.latency_jitter:
-            late = self.latency + np.abs(self.latency_jitter * delivery.standard_normal(pings))
-            table = replace(table, received=table.time + late[ping])
-        arrived = delivery.random(pings) >= self.loss if self.loss else None
-        return table if arrived is None else cast("records.Swath", table.select(arrived[ping]))
+    def by_look(self, table: records.Swath, draw: Callable[[int], Array]) -> Array:
+        """Return a number (rows,) drawn for each ping: it arrives as a whole, or not at all, and has one stamp."""
+        ping = cast("Array", table.ping).astype(np.intp) - self.first
+        return draw(int(ping.max()) + 1 if len(ping) else 0)[ping]
 
 
 def on_chart(state: Kinematics) -> tuple[Array, Array]:

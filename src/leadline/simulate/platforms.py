@@ -12,6 +12,7 @@ from leadline.core.attitude import matrix_from_euler, wrapped
 from leadline.core.geodesy import ecef_from_geodetic, from_north_east, geodetic_from_ecef, rotation_en
 from leadline.data import records
 from leadline.data.errors import InputError
+from leadline.sea.water import CALM as CALM_WATER
 from leadline.simulate.instrument import ZERO, Instrument, Vector
 from leadline.simulate.positions import displaced
 from leadline.simulate.trajectory import Trajectory, euler
@@ -34,6 +35,11 @@ class Carrier(Protocol):
     @property
     def turnaround(self) -> float:
         """Time between a ping that is heard and the reply to it (s)."""
+        ...
+
+    @property
+    def end(self) -> float:
+        """Time (s) up to which it can say so."""
         ...
 
     def position_e(self, time: Array) -> Array:
@@ -74,6 +80,11 @@ class Fixed:
     def turnaround(self) -> float:
         """Time between a ping that is heard and the reply to it (s)."""
         return self.beacon.turnaround
+
+    @property
+    def end(self) -> float:
+        """Time (s) up to which it is known where it is: for ever."""
+        return np.inf
 
     def position_e(self, time: Array) -> Array:
         """Return Earth-fixed positions (times, 3) (m)."""
@@ -152,7 +163,9 @@ class Waypoints:
         gaps = np.diff(self.time)
         if np.any(gaps <= 0.0) or self.turn_time <= 0.0 or np.any(gaps[1:-1] < self.turn_time):
             raise InputError(
-                "Waypoints", f"times {self.time} with turns of {self.turn_time} s", "ascending, with time for the turns between"
+                "Waypoints",
+                f"times {_listed(self.time)} s with turns of {self.turn_time:g} s",
+                "ascending, with time for the turns between",
             )
 
     def __call__(self, time: Array) -> tuple[Array, Array, Array]:
@@ -165,6 +178,10 @@ class Waypoints:
         place = way[0] + (time - corner[0])[:, None] * velocity[0] + past @ change
         going = velocity[0] + turned_by @ change
         return place[:, 0], place[:, 1], np.arctan2(going[:, 1], going[:, 0])
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    return ", ".join(f"{number:g}" for number in numbers)
 
 
 @dataclass(frozen=True)
@@ -189,7 +206,8 @@ CALM = Waves()
 class Moving:
     """A ship, a buoy or another vehicle: a track over the sea from `place` on, or a whole trajectory, which has a place of its own.
 
-    The reference point goes along the track at the depth of the place, moved by `waves`; the transducer lies at `lever_arm_b` (m)
+    The reference point goes along the track at the depth of the place below the surface of the moment, which rises with the tide of its
+    water, or, where that is calm, of the vehicle's (`afloat_on`); it is moved by `waves`, and the transducer lies at `lever_arm_b` (m)
     from it.  A trajectory knows no waves.  Raises InputError for a track without a place, and for a trajectory with one or with waves.
     """
 
@@ -207,10 +225,19 @@ class Moving:
             raise InputError("Moving", found, "give a track with its place, or a trajectory alone")
 
     @property
-    def surface_height(self) -> float:
-        """Height of the sea surface above the ellipsoid (m)."""
-        place = self.motion.place if isinstance(self.motion, Trajectory) else cast("Place", self.place)
-        return place.surface_height
+    def end(self) -> float:
+        """Time (s) up to which it is known where it is."""
+        return self.motion.end if isinstance(self.motion, Trajectory) else np.inf
+
+    def afloat_on(self, sea: Place) -> Moving:
+        """Return it on the water of another place, where it has a track and no water of its own."""
+        if self.place is None or self.place.water is not CALM_WATER or sea.water is CALM_WATER:
+            return self
+        return replace(self, place=replace(self.place, water=sea.water))
+
+    def surface_height(self, time: Array) -> Array:
+        """Return the height (times,) of the sea surface above the ellipsoid at times (s), with its tide (m)."""
+        return surface_at(self.motion.place if isinstance(self.motion, Trajectory) else cast("Place", self.place), time)
 
     def geodetic(self, time: Array) -> tuple[Array, Array, Array]:
         """Return latitude, longitude (rad) and height (m) of the reference point."""
@@ -219,7 +246,7 @@ class Moving:
         place = cast("Place", self.place)
         north, east, _ = self.motion(time)
         latitude, longitude = from_north_east(north, east, place.latitude, place.longitude)
-        return latitude, longitude, place.surface_height - place.depth - self.waves(time)[2]
+        return latitude, longitude, self.surface_height(time) - place.depth - self.waves(time)[2]
 
     def position_e(self, time: Array) -> Array:
         """Return Earth-fixed positions (times, 3) of the reference point (m)."""
@@ -242,6 +269,11 @@ class Moving:
         return point_e(self, time, self.lever_arm_b)
 
 
+def surface_at(place: Place, time: Array) -> Array:
+    """Return the height (times,) of the sea surface above the ellipsoid at times (s), with its tide, without its waves (m)."""
+    return np.asarray(place.surface_height + place.water.level(time))
+
+
 def point_e(carrier: Carrier, time: Array, lever_arm_b: ArrayLike) -> Array:
     """Return Earth-fixed positions (times, 3) of a point of a carrier, at a lever arm (3,) from its reference point (m)."""
     arm = np.asarray(lever_arm_b, float)
@@ -253,7 +285,7 @@ class PlatformPose(Instrument[records.Platform]):
     """Where platforms are and how they lie, as they tell: of each a row, at each moment.
 
     Positions are those of a satellite antenna at `lever_arm_b` (m) from the reference point, with `sigma` (m) north, east and down;
-    roll, pitch and heading with `sigma_attitude` (rad) each.  Depth counts from the sea surface of the vehicle's trajectory.
+    roll, pitch and heading with `sigma_attitude` (rad) each.  Depth counts from the surface of the vehicle's sea at that moment.
     """
 
     platforms: Mapping[str, Moving | Fixed] = field(default_factory=dict)
@@ -264,14 +296,15 @@ class PlatformPose(Instrument[records.Platform]):
         """Return true poses; raises InputError where there is no platform."""
         if not self.platforms:
             raise InputError("PlatformPose", "has no platform", "give one at least")
-        names = sorted(self.platforms)
-        position_e = np.stack([point_e(self.platforms[name], time, self.lever_arm_b) for name in names], axis=1).reshape(-1, 3)
-        rotation_nb = np.stack([self.platforms[name].rotation_nb(time) for name in names], axis=1).reshape(-1, 3, 3)
+        names, sea = sorted(self.platforms), trajectory.place
+        known = [one.afloat_on(sea) if isinstance(one, Moving) else one for one in (self.platforms[name] for name in names)]
+        position_e = np.stack([point_e(one, time, self.lever_arm_b) for one in known], axis=1).reshape(-1, 3)
+        rotation_nb = np.stack([one.rotation_nb(time) for one in known], axis=1).reshape(-1, 3, 3)
         latitude, longitude, height = geodetic_from_ecef(position_e)
         roll, pitch, heading = euler(rotation_nb)
         return records.Platform(
             time=np.repeat(time, len(names)), name=np.tile(names, len(time)), latitude=latitude, longitude=longitude,
-            depth=trajectory.place.surface_height - height, roll=roll, pitch=pitch, heading=heading,
+            depth=np.repeat(surface_at(sea, time), len(names)) - height, roll=roll, pitch=pitch, heading=heading,
         )  # fmt: skip
 
     def noisy(self, table: records.Platform, generator: Generator) -> records.Platform:

@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from leadline.data.records import Array, Text
+    from leadline.simulate.instrument import Flags
 
 ORDER = ("none", "single", "dgps", "float", "fixed")
 SPREAD = 1.5  # satellites, of the number in use from row to row
+GAP = 2.5  # looks without a row that are a dive: jitter makes no gap of that length
 BEST = 3.0  # horizontal dilution of precision times the root of the number of satellites: 0.95 with ten
 
 
@@ -53,9 +55,9 @@ class Reception:
         kinds, times = [kind for kind, _ in self.stages], [time for _, time in self.stages]
         if not times or times[0] != 0.0 or times != sorted(times) or not set(kinds) <= set(ORDER[1:]):
             right = f"kinds of {', '.join(ORDER[1:])} by ascending times, the first at 0 s"
-            raise InputError("Gnss", f"has the stages {self.stages}", right)
+            raise InputError("Gnss", "has the stages " + ", ".join(f"{kind} at {at:g} s" for kind, at in self.stages), right)
         if self.cold < self.least or self.hot < self.hot_least:
-            found = f"takes {self.cold} s (hot: {self.hot} s) to a fix and {self.least} s ({self.hot_least} s) at least"
+            found = f"takes {self.cold:g} s (hot: {self.hot:g} s) to a fix and {self.least:g} s ({self.hot_least:g} s) at least"
             raise InputError("Gnss", found, "means that are not below the least")
 
     def fixes(self, time: Array, begin: float, interval: float, generator: Generator) -> Fixes:
@@ -73,12 +75,16 @@ class Reception:
     def since_fix(self, time: Array, begin: float, interval: float, generator: Generator) -> Array:
         """Return how long ago (s) the receiver got its first fix since it surfaced; negative: it has none yet."""
         under = np.diff(time, prepend=begin)
-        rises = np.flatnonzero(under > 2.5 * interval)  # jitter makes no gap of that length
+        rises = np.flatnonzero(under > GAP * interval)
         if not len(rises):
             return np.full(len(time), np.inf)
         hot = under[rises] < self.hot_for
         hot[rises == 0] = False  # how long it had been under water before, nobody knows
-        least = np.where(hot, self.hot_least, self.least)
-        delay = least + (np.where(hot, self.hot, self.cold) - least) * generator.standard_exponential(len(rises))
+        delay = self.delay(hot, generator)
         which = np.searchsorted(rises, np.arange(len(time)), side="right") - 1
         return np.where(which < 0, np.inf, time - (time[rises] + delay)[which])
+
+    def delay(self, hot: Flags, generator: Generator) -> Array:
+        """Return the time (s) from surfacings to their first fixes: `hot` (surfacings,) after short dives."""
+        least = np.where(hot, self.hot_least, self.least)
+        return np.asarray(least + (np.where(hot, self.hot, self.cold) - least) * generator.standard_exponential(len(hot)))

@@ -186,6 +186,16 @@ class Trajectory:
     duration: float
     last: list[Kinematics] = field(default_factory=list, compare=False, repr=False)  # asked for by several instruments of one rate
 
+    @property
+    def begin(self) -> float:
+        """Time (s) from which on its motion is known: before time 0, or -inf."""
+        return float(getattr(self.law, "begin", -np.inf))
+
+    @property
+    def end(self) -> float:
+        """Time (s) up to which its motion is known: after `duration`, or inf."""
+        return float(getattr(self.law, "end", np.inf))
+
     def at(self, time: ArrayLike) -> Kinematics:
         """Return the kinematics of the body origin at times (s), in any order."""
         when = np.atleast_1d(np.asarray(time, float))

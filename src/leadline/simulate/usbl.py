@@ -14,7 +14,7 @@ from leadline.data import records
 from leadline.data.errors import InputError
 from leadline.simulate.acoustics import Acoustic, AcousticRange, Turns
 from leadline.simulate.instrument import ZERO, Instrument, Vector
-from leadline.simulate.platforms import point_e
+from leadline.simulate.platforms import point_e, surface_at
 from leadline.simulate.trajectory import euler
 from leadline.simulate.vectors import cross, turned, turned_back
 
@@ -85,13 +85,13 @@ class Head(Acoustic[T]):
         """Return Earth-fixed positions (times, 3) of the head (m)."""
         if self.ship is None:
             return trajectory.at(time).point(self.lever_arm_b).position_e
-        return point_e(self.ship, time, self.lever_arm_b)
+        return point_e(self.ship.afloat_on(trajectory.place), time, self.lever_arm_b)
 
     def ping(self, trajectory: Trajectory, time: Array) -> tuple[Turns, Exchange]:
         """Return who was asked at times (s), and what came of it."""
         turns = self.parties(trajectory, len(time))
-        ours, surface = (lambda t: self.head_e(trajectory, t)), trajectory.place.surface_height
-        return turns, self.exchange(time, ours, turns.position_e, turns.turnaround, surface)
+        end = trajectory.end if self.ship is None else self.ship.end
+        return turns, self.exchange(time, lambda t: self.head_e(trajectory, t), turns, trajectory.place.surface_height, end)
 
     def arriving_n(self, head_e: Array, place_e: Array, surface_height: float) -> Array:
         """Return unit vectors (rows, 3), north-east-down at the head, to where sound comes from: along the ray, where it is bent."""
@@ -110,6 +110,11 @@ class Vehicle:
     trajectory: Trajectory
     lever_arm_b: Vector
     turnaround: float
+
+    @property
+    def end(self) -> float:
+        """Time (s) up to which it is known where it is."""
+        return self.trajectory.end
 
     def position_e(self, time: Array) -> Array:
         """Return Earth-fixed positions (times, 3) of the body origin (m)."""
@@ -150,7 +155,7 @@ class Usbl(Head[records.Usbl]):
         table = records.Usbl(
             time=pings.arrival, transmit=time, travel_time=pings.arrival - time, azimuth=azimuth, elevation=elevation,
             transmitter=turns.transmitter, path=np.full(len(time), self.path), frame=np.full(len(time), self.frame),
-            **columns, **self.told(turns, pings.place_e, surface),
+            **columns, **self.told(turns, pings.replied, pings.place_e, trajectory.place),
         )  # fmt: skip
         return cast("records.Usbl", table.select(np.isfinite(pings.arrival)))
 
@@ -184,9 +189,10 @@ class Usbl(Head[records.Usbl]):
 class UsblFix(Head[records.PositionFix]):
     """Positions of the vehicle's transponder, solved by a ship from its USBL, its satellite antenna and its attitude.
 
-    `time` is the transponder's event (its reply); what `latency` adds counts from there.  The ship knows its reference point to
-    `sigma_position` (m; north, east, down), its roll, pitch and heading to `sigma_attitude` (rad); bent rays it accounts for, but for a
-    part `sigma_scale` of the distance, drawn at turn-on; directions and distances are off as those of Usbl.  Its sigmas are stated.
+    `time` is the transponder's event (its reply), whose surface depths count from; what `latency` adds counts from there.
+    The ship knows its reference point to `sigma_position` (m; north, east, down), its roll, pitch and heading to `sigma_attitude` (rad);
+    bent rays it accounts for, but for a part `sigma_scale` of the distance, drawn at turn-on; directions and distances are off as those
+    of Usbl.  Its sigmas are stated.
     """
 
     sigma_position: Vector = ZERO
@@ -200,17 +206,16 @@ class UsblFix(Head[records.PositionFix]):
         _, pings = self.ping(trajectory, time)
         there = np.isfinite(pings.arrival)
         latitude, longitude, height = geodetic_from_ecef(pings.place_e[there])
-        depth = trajectory.place.surface_height - height
         replied = pings.replied[there]
+        depth = surface_at(trajectory.place, replied) - height
         return records.PositionFix(time=replied, latitude=latitude, longitude=longitude, depth=depth, source=np.full(len(replied), "usbl"))
 
     def noisy(self, table: records.PositionFix, generator: Generator) -> records.PositionFix:
         """Add the errors of direction, distance, attitude and position of the ship, and losses."""
         ship, rows = cast("Moving", self.ship), len(table)
         losses, pointing, ranging, attitude, position = generator.spawn(5)
-        place_e = ecef_from_geodetic(
-            cast("Array", table.latitude), cast("Array", table.longitude), ship.surface_height - cast("Array", table.depth)
-        )
+        surface = ship.surface_height(table.time)
+        place_e = ecef_from_geodetic(cast("Array", table.latitude), cast("Array", table.longitude), surface - cast("Array", table.depth))
         rotation = rotation_en(*ship.geodetic(table.time)[:2])
         rotation_nb, arm = ship.rotation_nb(table.time), np.asarray(self.lever_arm_b, float)
         gap_n = turned_back(rotation, place_e - point_e(ship, table.time, arm))
@@ -224,7 +229,7 @@ class UsblFix(Head[records.PositionFix]):
         off = off + np.asarray(self.sigma_position) * position.standard_normal((rows, 3))
         latitude, longitude, height = geodetic_from_ecef(place_e + turned(rotation, off))
         stated = _stated(self._covariance(gap_n, rotation_nb))
-        result = replace(table, latitude=latitude, longitude=longitude, depth=ship.surface_height - height, **stated)
+        result = replace(table, latitude=latitude, longitude=longitude, depth=surface - height, **stated)
         return result if np.all(heard) else cast("records.PositionFix", result.select(heard))
 
     def _sigma_range(self) -> float:
@@ -279,7 +284,7 @@ class ShortBaseline(Instrument[records.AcousticRange | records.PositionFix]):
     def sampling(self, duration: float, generator: Generator) -> Array:
         """Return the moments (s) of the pings; raises InputError where the bounds of the interval are not in order."""
         if not 0.0 < self.interval_min <= self.interval_max:
-            raise InputError("ShortBaseline", f"intervals of {self.interval_min} to {self.interval_max} s", "above 0, in order")
+            raise InputError("ShortBaseline", f"intervals of {self.interval_min:g} to {self.interval_max:g} s", "above 0, in order")
         end = min(self.stop, duration)
         count = int(max(end - self.offset, 0.0) / self.interval_min) + 1
         time = self.offset + np.concatenate([[0.0], np.cumsum(generator.uniform(self.interval_min, self.interval_max, count))])
