@@ -20,7 +20,7 @@ ABOARD := --vehicle missions/vehicles/survey-auv.toml
 
 demo: $(STAMP)
 	rm -f $(DEMO)/mission.html
-	$(BIN)/leadline simulate missions/survey.toml --out $(DEMO)/log --seed 1
+	$(BIN)/leadline simulate missions/survey.toml --out $(DEMO)/log --seed 2
 	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/solution
 	$(BIN)/leadline solve $(DEMO)/log $(ABOARD) --out $(DEMO)/smoothed --smooth > $(DEMO)/smoothed.txt
 	$(BIN)/leadline assess $(DEMO)/smoothed --truth $(DEMO)/log

@@ -19,6 +19,11 @@ Entry = dict[str, Any]
 KEYS = {"ahead": "ahead_n_per_rps2", "astern": "astern_n_per_rps2", "decay": "decay_n_per_rps_per_mps", "torque": "torque_nm_per_rps2"}
 
 
+def fragment(found: VehicleCalibration, raw: Mapping[str, Any]) -> str:
+    """Return the hull file with what was fitted; `raw`: the starting hull file as TOML reads it.  Each entry says where it comes from."""
+    return written(rewritten(found, raw), f"{found.start.name}, fitted to the log {found.log}: {found.seconds:.0f} s of it")
+
+
 def rewritten(found: VehicleCalibration, raw: Mapping[str, Any]) -> Entry:
     """Return a hull file as TOML reads it with what was fitted; every thruster has a propeller of its own."""
     made: Entry = copy.deepcopy(dict(raw))

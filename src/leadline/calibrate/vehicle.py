@@ -18,7 +18,7 @@ from leadline.simulate.dynamics import site_at
 from leadline.simulate.vectors import turned_back
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     import numpy.typing as npt
 
@@ -349,13 +349,6 @@ def _notes(found: Fit) -> tuple[str, ...]:
     if odd:
         notes.append(f"{odd} of {len(found.begin)} stretches do not fit (a touch, a tether, an instrument that failed); they count less")
     return tuple(notes)
-
-
-def fragment(found: VehicleCalibration, raw: Mapping[str, Any]) -> str:
-    """Return the hull file with what was fitted; `raw`: the starting hull file as TOML reads it.  Each entry says where it comes from."""
-    from leadline.calibrate.hull_text import rewritten, written
-
-    return written(rewritten(found, raw), f"{found.start.name}, fitted to the log {found.log}: {found.seconds:.0f} s of it")
 
 
 def changed(quantity: Quantity) -> bool:

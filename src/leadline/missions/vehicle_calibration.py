@@ -6,7 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from leadline.calibrate.vehicle import VehicleCalibration, calibrate_vehicle, fragment
+from leadline.calibrate.hull_text import fragment
+from leadline.calibrate.vehicle import VehicleCalibration, calibrate_vehicle
 from leadline.data.errors import InputError
 from leadline.data.vehicle import read_vehicle
 from leadline.formats.atomic import new_file
