@@ -7,6 +7,7 @@ the way to it, and what it does there.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
@@ -27,7 +28,7 @@ NORTH, EAST, SPEED, VERTICAL, ALTITUDE, HEADING, HOLD, TURN, LEG, ALONG, WIDTH =
 
 
 @dataclass(frozen=True, kw_only=True)
-class Leg:
+class Leg(ABC):
     """One part of a plan.  speed (m/s); depth (m) or altitude (m) above the ground, one of them; heading (rad) or None: along the way."""
 
     name: ClassVar[str] = ""
@@ -47,9 +48,9 @@ class Leg:
         if self.depth is not None and self.depth < 0:
             raise InputError(self.name, f"asks for a depth of {self.depth} m", "0 or more: depths are positive down")
 
+    @abstractmethod
     def points(self, start: tuple[float, float]) -> Points:
         """Return the points (north, east) after `start`."""
-        raise NotImplementedError
 
     def rows(self, start: tuple[float, float], number: int) -> Array:
         """Return the rows of the route."""
@@ -82,9 +83,9 @@ class Placed(Leg):
     at: tuple[float, float] | None = None
     bearing: float = 0.0
 
+    @abstractmethod
     def local(self) -> Points:
         """Return the shape: (along the bearing, to starboard of it), beginning after (0, 0)."""
-        raise NotImplementedError
 
     def points(self, start: tuple[float, float]) -> Points:
         """Return the shape where it lies."""
