@@ -20,12 +20,12 @@ from leadline.calibrate.vehicle import Verdict, calibrate_vehicle
 from leadline.core.attitude import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from leadline.data import records
 from leadline.data.errors import InputError
+from leadline.data.hull import read_hull
 from leadline.data.log import Log
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.formats.folder import write_log
 from leadline.sea.water import CALM, Water
 from leadline.simulate.dynamics import at_rest, motion, site_at
-from leadline.simulate.hull import read_hull
 from leadline.simulate.routes import Circle, Hold, Lawnmower, Plan, Rotate, Sine, Waypoints
 from leadline.simulate.trajectory import Place, euler
 from leadline.simulate.voyage import Voyage
@@ -33,7 +33,7 @@ from leadline.simulate.voyage import Voyage
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from leadline.simulate.hull import Hull
+    from leadline.data.hull import Hull
 
 PLACE = Place(radians(44.0), radians(9.8), depth=5.0, surface_height=40.0)
 ARM, GRAVITY = (-0.2, 0.1, 0.1), float(site_at(PLACE.latitude)[3])

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from test_docs import BLOCK, DOCS, rows_of, words
 
+from leadline.data import hull_keys
+from leadline.data.hull import hulls, read_hull
 from leadline.missions import equipment_keys
 from leadline.missions import instruments as of_vehicle
 from leadline.missions import mission_keys as keys
 from leadline.missions.equipment import CLASSES
-from leadline.simulate import hull_keys
 from leadline.simulate import instruments as simulated
 from leadline.simulate.drift import Drift
 from leadline.simulate.gyros import Triad
-from leadline.simulate.hull import hulls, read_hull
 from leadline.simulate.pilot import Pilot
 from leadline.simulate.reception import Reception
 

@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from leadline.data.errors import InputError
+from leadline.data.hull import Hull, hulls, read_hull
 from leadline.sea.flow import elevation, flow
 from leadline.simulate import dynamics
 from leadline.simulate.dynamics import STILL, accelerations, at_rest, motion, site_at
-from leadline.simulate.hull import Hull, hulls, read_hull
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -89,6 +89,8 @@ BORDER = {
     "data/vehicle.py": "keys of the vehicle file",
     "data/vehicle_keys.py": "keys of the vehicle file",
     "data/sensor_keys.py": "keys of the vehicle file",
+    "data/process_keys.py": "keys of the vehicle file",
+    "data/process_config.py": "keys of the vehicle file",
     "data/vehicle_template.py": "keys of the vehicle file",
     "data/presets.toml": "keys of the vehicle file",
     "missions/mission_keys.py": "keys of the mission file",

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from leadline.data import hull as layout
 from leadline.data.errors import InputError
-from leadline.simulate import hull as layout
-from leadline.simulate.hull import FOLDER, Hull, hull_from_toml, hulls, read_hull
+from leadline.data.hull import FOLDER, Hull, hull_from_toml, hulls, read_hull
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,7 +20,7 @@ from leadline.estimate.solve import solve
 from leadline.missions.instruments import instruments_of
 from leadline.models.inertial import PARAMETERS
 from leadline.models.inertial_units import inertial_units
-from leadline.models.layout import Layout, difference, retract
+from leadline.models.layout import INPUTS, Layout, difference, retract
 from leadline.models.view import TANGENT, VIEW_SIZE
 from leadline.simulate.dive import Recorder, StartSigmas
 from leadline.simulate.plans import Lawnmower, survey
@@ -77,7 +77,7 @@ def process():
 def motion(generator, device):
     x, u = random_motion(generator)
     n = process()[1].error
-    return np.concatenate([x, generator.normal(0.0, 1e-3, n - 15)]), np.array([*u, device])
+    return np.concatenate([x, generator.normal(0.0, 1e-3, n - 15)]), np.array([*u, device, *np.zeros(INPUTS - 9)])
 
 
 def shifted(x, j, h):

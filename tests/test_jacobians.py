@@ -14,11 +14,14 @@ from leadline.core import attitude, geodesy
 from leadline.core.compiled import COMPONENTS, NUISANCES, WIDE
 from leadline.core.earth import offset
 from leadline.data.log import Origin
+from leadline.data.vehicle import Vehicle, vehicle_from_toml
 from leadline.estimate.displacement import displace, pull_back
 from leadline.estimate.plan import CHANNEL, CHANNEL_SIZE, DRIFT_S, LEVER_S, OFFSET_S, TIME_S
+from leadline.models.body_velocity import body_velocity
 from leadline.models.inertial import inertial
-from leadline.models.layout import Layout, difference, retract
+from leadline.models.layout import INPUTS, MOTION, NOW_U, Layout, difference, retract
 from leadline.models.nuisance import Nuisance
+from leadline.models.processes import compose_process
 from leadline.models.sensor import Channel, Context
 from leadline.models.sensors import compose
 from leadline.models.view import TANGENT, VIEW_SIZE, retract_view, view_of
@@ -101,7 +104,7 @@ CHANNELS = [
     *(f"dvl {i} {label}" for i, label in enumerate(("sensor", "body", "level", "ned", "beam1", "beam2", "beam3", "beam4"))),
     *(f"water_velocity {i} {label}" for i, label in enumerate(("sensor", "body", "level", "ned", "beam1", "beam2", "beam3"))),
     "depth 0", "heading 0", "attitude 0", "gnss 0 horizontal", "gnss 1 vertical", "gnss 2 velocity", "usbl 0 horizontal", "usbl 1 depth",
-    "zero_velocity 0", "speed 0", "pressure 0 sea", "tank 0 density", "altimeter 0", "dvl_b 4 altitude", "yaw_rate 0",
+    "zero_velocity 0", "speed 0", "pressure 0 sea", "tank 0 density", "altimeter 0", "imu 0 gyros", "dvl_b 4 altitude", "yaw_rate 0",
     "navigation 0 horizontal", "navigation 1 depth", "navigation 2 heading", "ranges 0 one way", "ranges 1 two ways",
 ]  # fmt: skip
 # Per tangent direction, small enough for the third derivative and large enough for the rounding of an Earth-fixed position (1e-9 m).
@@ -109,10 +112,13 @@ STEPS = np.repeat([0.03, 1e-3, 1e-4, 1e-3, 1e-3, 1e-3], 3)
 
 
 @cache
-def channels() -> dict[str, tuple[Channel, ...]]:
-    from leadline.data.vehicle import vehicle_from_toml
+def aboard() -> Vehicle:
+    return vehicle_from_toml('name = "all"\n' + ABOARD)
 
-    found = vehicle_from_toml('name = "all"\n' + ABOARD)
+
+@cache
+def channels() -> dict[str, tuple[Channel, ...]]:
+    found = aboard()
     context = Context(np.array([0.2, -0.1, 0.05]), 17.0, Origin(0.5, 0.6), shared=found.shared)
     sensors = found.sensors
     return {name: sensor.channels for name, config in sensors.items() if (sensor := compose(config, context)) is not None}
@@ -287,36 +293,58 @@ def test_displacement() -> None:
         assert wrong[1.0][:, :TANGENT].max() < size
 
 
-# --- process model -----------------------------------------------------------------------------------------------------------------
+# --- process models ----------------------------------------------------------------------------------------------------------------
 
-PROCESS_STEPS = np.repeat([1.0, 1e-3, 1e-4, 1e-4, 1e-3], 3)  # place 1 m: its rounding is 1e-9 m, the curvature of the Earth 1e-7 of it
+MODELS = ("inertial", "body-velocity", "cruise", "planar")
+# Of the errors in their order.  Place 1 m: its rounding is 1e-9 m, the curvature of the Earth 1e-7 of it.
+PROCESS_STEPS = np.repeat([1.0, 1e-3, 1e-4, 1e-4, 1e-3], 3)
+STEPS_OF = {
+    "inertial": PROCESS_STEPS,
+    "body-velocity": np.repeat([1.0, 1e-3, 1e-4], 3),
+    "cruise": np.repeat([1.0, 1e-3, 1e-4], [3, 3, 6]),
+    "planar": np.repeat([1.0, 1e-3, 1e-4, 1e-3, 1e-4], [3, 4, 4, 1, 2]),  # the last three errors are remembered numbers: none
+}
 
 
 @cache
-def process_and_plan() -> tuple:
-    process = inertial(vehicle()["imu"], 17.0)
+def process_and_plan(model: str = "inertial") -> tuple:
+    process = {
+        "inertial": lambda: inertial(vehicle()["imu"], 17.0),
+        "body-velocity": lambda: body_velocity(vehicle()["imu"], 17.0),
+        "cruise": lambda: compose_process(aboard().moved_by("cruise"), Context(surface=17.0)),
+        "planar": lambda: compose_process(aboard().moved_by("planar"), Context(surface=17.0)),
+    }[model]()
     return process, Layout(process.parts, (), 0, 1).head()
 
 
-def random_motion(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A nominal state and an input."""
-    view = random_view(generator)
-    x = np.concatenate([view[0:12], generator.normal(0.0, 1e-4, 3), generator.normal(0.0, 1e-2, 3)])
+def random_motion(generator: np.random.Generator, model: str = "inertial") -> tuple[np.ndarray, np.ndarray]:
+    """A nominal state and an input; of `cruise` and `planar` with a pitch of up to 60 degrees."""
+    view, u = random_view(generator), np.zeros(INPUTS)
+    angles = generator.uniform(-1.0, 1.0, 3) * (0.3, radians(60.0), np.pi)
+    rates = generator.normal(0.0, 0.3, 3)
+    if model == "cruise":
+        return np.concatenate([view[0:8], angles[:0:-1], rates[:0:-1], [angles[0], rates[0]]]), u
+    if model == "planar":
+        u[:8] = 117.0, 99.9, 0.01, *(angles[:2] + 0.05), 99.95, 1e-4, 1e-4
+        u[NOW_U] = 100.0
+        level = [*view[5:7], *generator.normal(0.0, 0.3, 2), angles[2], rates[2]]
+        return np.concatenate([view[0:5], level, angles[:2], view[7:8], rates[:2], [0.2, 116.0, generator.choice([99.4, 99.9])]]), u
     force = attitude.matrix_from_quaternion(view[8:12]).T @ np.array([0.0, 0.0, -9.8]) + generator.normal(0.0, 1.0, 3)
-    return x, np.array([*generator.normal(0.0, 0.3, 3), *force, 1.0, 0.01])
+    bias = [generator.normal(0.0, 1e-4, 3), generator.normal(0.0, 1e-2, 3)] if model == "inertial" else []
+    return np.concatenate([view[0:12], *bias]), np.array([*generator.normal(0.0, 0.3, 3), *force, 1.0, 0.01])
 
 
-def shifted(x: np.ndarray, j: int, h: float) -> np.ndarray:
-    x, d = x.copy(), np.zeros(15)
+def shifted(x: np.ndarray, j: int, h: float, model: str = "inertial") -> np.ndarray:
+    x, d = x.copy(), np.zeros(WIDE)
     d[j] = h
-    retract(process_and_plan()[1], x, d, 15)
+    retract(process_and_plan(model)[1], x, d, process_and_plan(model)[1][MOTION])
     return x
 
 
-def differenced(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    d = np.zeros(15)
-    difference(process_and_plan()[1], x, y, d)
-    return d
+def differenced(x: np.ndarray, y: np.ndarray, model: str = "inertial") -> np.ndarray:
+    d = np.zeros(WIDE)
+    difference(process_and_plan(model)[1], x, y, d)
+    return d[: len(STEPS_OF[model])]
 
 
 def view_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -348,12 +376,14 @@ def test_a_gap_in_one_step_is_as_uncertain_as_in_many() -> None:
     assert np.abs(grown(30) - exact).max() < 1e-12 * q
 
 
-def test_pull() -> None:
+@pytest.mark.parametrize("model", MODELS)
+def test_pull(model: str) -> None:
     """`pull` of the identity is the derivative of the view; of the rate, what turns the Earth's and transport rate is left out (1/R)."""
-    process, _ = process_and_plan()
-    generator = np.random.default_rng(11)
+    process, _ = process_and_plan(model)
+    generator, steps = np.random.default_rng(11), STEPS_OF[model]
+    n = len(steps)
     for _ in range(30):
-        x, u = random_motion(generator)
+        x, u = random_motion(generator, model)
         view, H = np.zeros(VIEW_SIZE), np.zeros((TANGENT, WIDE))
         process.view(x, u, process.parameters, view)
         process.pull(x, u, process.parameters, view, np.eye(TANGENT), H, TANGENT)
@@ -363,28 +393,44 @@ def test_pull() -> None:
             process.view(x, u, process.parameters, out)
             return view_difference(out, origin)
 
-        numeric = np.stack([central(lambda h, j=j, x=x: seen(shifted(x, j, h)), PROCESS_STEPS[j]) for j in range(15)], axis=1)
-        error = np.abs(H[:, :15] - numeric)
-        assert error[9:12, 3:6].max() < 2e-7  # transport rate by velocity: 1/R
-        error[9:12, 3:6] = 0.0
-        assert error.max() < 1e-8
+        numeric = np.stack([central(lambda h, j=j, x=x: seen(shifted(x, j, h, model)), steps[j]) for j in range(n)], axis=1)
+        error = np.abs(H[:, :n] - numeric)
+        if model in ("inertial", "body-velocity"):
+            assert error[9:12, 3:6].max() < 2e-7  # transport rate by velocity: 1/R
+            error[9:12, 3:6] = 0.0
+            if model == "body-velocity":
+                assert error[9:12, 6:9].max() < 2e-6  # and by attitude, which turns the velocity: v/R
+                error[9:12, 6:9] = 0.0
+        assert error.max() < 2e-8 * (1.0 + np.abs(H).max())  # the third derivative of an angle takes 1e-8 / 6 of a velocity
 
 
-def transition_error(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
-    """Transition by `push` of the identity, less that by differences of `step`."""
-    process, _ = process_and_plan()
-    end, memory = x.copy(), np.zeros(64)
+def transition_error(x: np.ndarray, u: np.ndarray, dt: float, model: str = "inertial") -> np.ndarray:
+    """Transition by `push` of the identity, less that by differences of `step` over five points.
+
+    Where angles turn velocities into places, whose rounding is 1e-9 m, the differences are wide: 0.02 rad leave h^4 / 30 of a velocity.
+    """
+    process, _ = process_and_plan(model)
+    steps = STEPS_OF[model] if model in ("inertial", "body-velocity") else np.where(STEPS_OF[model] == 1e-4, 0.02, 1.0)
+    n = len(steps)
+    end, memory = x.copy(), np.zeros(WIDE * WIDE)
     process.step(end, u, dt, process.parameters, memory)
-    unit, analytic = np.eye(WIDE).ravel(), np.zeros(WIDE * WIDE)
-    process.push(memory, dt, process.parameters, unit, analytic, 16)
+    unit, analytic = np.eye(WIDE).ravel(), np.full(WIDE * WIDE, np.nan)
+    process.push(memory, dt, process.parameters, unit, analytic, 24)
+    assert np.array_equal(unit, np.eye(WIDE).ravel())
+    rows, whole = analytic.reshape(WIDE, WIDE), process_and_plan(model)[1][MOTION]
+    assert np.isfinite(rows[:whole, :24]).all()
+    assert np.isnan(rows[whole:]).all()
 
     def after(x: np.ndarray) -> np.ndarray:
         x = x.copy()
-        process.step(x, u, dt, process.parameters, np.zeros(64))
-        return differenced(x, end)
+        process.step(x, u, dt, process.parameters, np.zeros(WIDE * WIDE))
+        return differenced(x, end, model)
 
-    numeric = np.stack([central(lambda h, j=j: after(shifted(x, j, h)), PROCESS_STEPS[j]) for j in range(15)], axis=1)
-    return analytic.reshape(WIDE, WIDE)[:15, :15] - numeric
+    def slope(j: int) -> np.ndarray:
+        near, far = (central(lambda h: after(shifted(x, j, h, model)), factor * steps[j]) for factor in (1.0, 2.0))
+        return (4.0 * near - far) / 3.0
+
+    return rows[:n, :n] - np.stack([slope(j) for j in range(n)], axis=1)
 
 
 @pytest.mark.parametrize("present", [1.0, 0.0], ids=["with input", "gap"])
@@ -409,6 +455,51 @@ def test_push(present: float) -> None:
         if present:
             assert 3.8 < np.abs(coarse[3:6]).max() / np.abs(fine[3:6]).max() < 4.2
         np.testing.assert_array_less(np.abs(2.0 * fine / 0.01 - coarse / 0.02), limit)
+
+
+@pytest.mark.parametrize("present", [1.0, 0.0], ids=["with input", "gap"])
+def test_push_of_body_velocity_is_that_of_inertial(present: float) -> None:
+    """In other variables: T'^-1 Phi T with d v_n = R d v_b + d theta x v_n before the step (T) and after it (T'), biases left aside.
+
+    So it is right to first order, as that is, against differences of its own step.
+    """
+    generator = np.random.default_rng(14)
+
+    def changed(x: np.ndarray) -> np.ndarray:
+        rotation, change = attitude.matrix_from_quaternion(x[8:12]), np.eye(9)
+        change[3:6, 3:6] = rotation
+        change[3:6, 6:9] = np.cross(np.eye(3), rotation @ x[5:8]).T
+        return change
+
+    for _ in range(20):
+        x, u = random_motion(generator, "body-velocity")
+        u[6] = present
+        process, y = process_and_plan("body-velocity")[0], x.copy()
+        memory, found = np.zeros(WIDE * WIDE), np.zeros(WIDE * WIDE)
+        process.step(y, u, 0.02, process.parameters, memory)
+        process.push(memory, 0.02, process.parameters, np.eye(WIDE).ravel(), found, 16)
+        plain, whole = process_and_plan()[0], np.zeros(WIDE * WIDE)
+        z = np.concatenate([x[:5], attitude.matrix_from_quaternion(x[8:12]) @ x[5:8], x[8:12], np.zeros(6)])
+        plain.step(z, u, 0.02, plain.parameters, memory := np.zeros(WIDE * WIDE))
+        plain.push(memory, 0.02, plain.parameters, np.eye(WIDE).ravel(), whole, 16)
+        expected = np.linalg.solve(changed(y), whole.reshape(WIDE, WIDE)[:9, :9] @ changed(x))
+        np.testing.assert_allclose(found.reshape(WIDE, WIDE)[:9, :9], expected, rtol=0.0, atol=1e-14 * (1.0 + np.abs(expected).max()))
+        coarse, fine = transition_error(x, u, 0.02, "body-velocity"), transition_error(x, u, 0.01, "body-velocity")
+        limit = np.full((9, 9), 2e-6)  # 1/R, as of `inertial`
+        limit[:3, 3:] = 4e-3  # the rounding of places
+        np.testing.assert_array_less(np.abs(2.0 * fine / 0.01 - coarse / 0.02), limit)
+        if present:
+            assert 3.8 < np.abs(coarse[3:6]).max() / np.abs(fine[3:6]).max() < 4.2
+
+
+@pytest.mark.parametrize("model", ["cruise", "planar"])
+def test_push_is_the_derivative_of_a_step(model: str) -> None:
+    """To 1e-6, at steps of up to 0.1 s; left out is v dt / R, how the directions turn with the place."""
+    generator = np.random.default_rng(15)
+    for dt in (0.1, 0.1, 0.03, 1e-3) * 10:
+        x, u = random_motion(generator, model)
+        error = np.abs(transition_error(x, u, dt, model))
+        assert error.max() < 1e-6
 
 
 def test_noise_adds_densities() -> None:

@@ -43,11 +43,11 @@ from oracle import (
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from leadline.data.hull import read_hull
 from leadline.data.log import Beacon
 from leadline.sea.sound import SoundProfile
 from leadline.sea.terrain import plane
 from leadline.sea.water import Level, TidalCurrent, Water
-from leadline.simulate.hull import read_hull
 from leadline.simulate.instruments import (
     AcousticRange,
     Altimeter,

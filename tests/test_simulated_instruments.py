@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
 from leadline.data.errors import InputError
+from leadline.data.hull import read_hull
 from leadline.sea.magnetic import declination, field_n
 from leadline.sea.sound import SoundProfile
 from leadline.sea.terrain import plane
 from leadline.sea.water import Level, Water, Waves
 from leadline.simulate.first_order import lagging
-from leadline.simulate.hull import read_hull
 from leadline.simulate.instruments import (
     Altimeter,
     Attitude,

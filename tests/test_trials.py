@@ -16,6 +16,7 @@ from scipy.stats import chi2, norm
 from leadline.assess.consistency import Answer
 from leadline.assess.happenings import Happening
 from leadline.data.errors import InputError
+from leadline.data.hull import read_hull
 from leadline.data.outcome import Outcome
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.solve import solve
@@ -26,7 +27,6 @@ from leadline.sea.water import Water
 from leadline.simulate import routes
 from leadline.simulate.dive import Recorder, StartSigmas
 from leadline.simulate.faults import BeamsFailing, ClockJump, CompassSwinging, EmptyRows, LateDelivery, Outage, WildFixes, troubled
-from leadline.simulate.hull import read_hull
 from leadline.simulate.plans import Lawnmower, survey
 from leadline.simulate.trajectory import Place
 from leadline.simulate.voyage import Voyage

@@ -10,11 +10,11 @@ import pytest
 
 from leadline.core.geodesy import from_north_east, north_east
 from leadline.data.errors import InputError
+from leadline.data.hull import hulls, read_hull
 from leadline.data.records import Array
 from leadline.sea.terrain import Chart, plane
 from leadline.sea.water import Level, Water, Waves
 from leadline.simulate import routes, sailing
-from leadline.simulate.hull import hulls, read_hull
 from leadline.simulate.pilot import Pilot
 from leadline.simulate.routes import Circle, Ell, Hold, Lawnmower, Plan, Polygon, Rotate, Sine, Spiral, Surfacing, Waypoints
 from leadline.simulate.trajectory import Kinematics, Place, Trajectory, euler

@@ -34,6 +34,10 @@ LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="Folder of a log (l
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 
+class Stopped(Exception):
+    """Work that was interrupted, and what became of it."""
+
+
 def main() -> None:
     """Run the command line and leave with its exit code.
 
@@ -60,6 +64,8 @@ def run(arguments: list[str]) -> int:
         return _say(f"leadline: {error}", 2)
     except typer.TyperException as error:
         return _say(f"leadline: {error.format_message()}", 2)
+    except Stopped as stopped:
+        return _say(f"leadline: {stopped}", 130)
     except (KeyboardInterrupt, typer.Abort):
         return _say("leadline: interrupted; nothing was written", 130)
     except (BrokenPipeError, SystemExit):  # the reader of standard output has gone: rich and typer then leave by SystemExit
@@ -101,7 +107,8 @@ def solve(
     vehicle: Annotated[Path, typer.Option("--vehicle", metavar="FILE", help="Vehicle file (TOML).")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the solution, made anew.")],
     calibration: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Fragment that comes before the vehicle file.")] = None,
-    estimator: Annotated[str, typer.Option(help="ekf: error-state extended Kalman filter.")] = "ekf",
+    estimator: Annotated[str, typer.Option(metavar="NAME", help="ekf, kf, ukf, ckf, srukf, pf; settings as ukf:alpha=0.5.")] = "ekf",
+    process: Annotated[str | None, typer.Option(metavar="NAME", help="Process model in place of the vehicle file's.")] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="States per second in the solution; changes no estimate.")] = 10.0,
     times: Annotated[Path | None, typer.Option(metavar="FILE", help="States at the times of a CSV with a column time_s.")] = None,
     at: Annotated[str | None, typer.Option(metavar="NAME", help="States of a named point or sensor instead of the body origin.")] = None,
@@ -122,7 +129,7 @@ def solve(
         from leadline.missions.dive import Run, solve_dive
 
         names = (_names(only), _names(without), tuple(calibration or ()))
-        run = Run(estimator, rate, times, at, smooth, as_live, window, until, snapshot, resume, *names)
+        run = Run(estimator, process, rate, times, at, smooth, as_live, window, until, snapshot, resume, *names)
         told = lambda line: print(f"leadline: {line}", file=sys.stderr)  # noqa: E731
         solution, assessment = solve_dive(log, vehicle, out, run, csv=csv, report=report, progress=tell, tell=told)
     if as_json:
@@ -238,6 +245,59 @@ def report_log(
 
         report_folder(log, out, solutions=solution or (), chart=chart, positive=positive, vehicle=vehicle, progress=tell)
     print(f"report: {out}")
+
+
+@app.command()
+def compare(
+    log: LogPath,
+    more: Annotated[list[str] | None, typer.Argument(metavar="[RUN]...", help="Further runs.", show_default=False)] = None,
+    runs: Annotated[
+        list[str] | None, typer.Option(metavar="RUN...", help="Run files (TOML), estimators, process models, or PROCESS+ESTIMATOR.")
+    ] = None,
+    vehicle: Annotated[Path | None, typer.Option(metavar="FILE", help="Vehicle file (TOML), for runs that name none.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where to write page, numbers and solutions; a new folder.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Solve one log in several ways, and say how far off each is, whether it says so, and what it costs."""
+    with _progress(_loading()) as tell:
+        from leadline.missions.compare import PAGE, compare_folder
+
+        told = lambda line: print(f"leadline: {line}", file=sys.stderr)  # noqa: E731
+        found = compare_folder(log, vehicle, [*(runs or ()), *(more or ())], out, progress=tell, tell=told)
+    if as_json:
+        _print_json(found.to_dict())
+        return
+    from leadline.report.compare import comparison_text
+
+    _print_rich(comparison_text(found))
+    if out is not None:
+        print(f"comparison: {out}   page: {out / PAGE}")
+
+
+@app.command()
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder of cells, numbers and page; one that was begun is gone on with.")
+    ],
+    processes: Annotated[int, typer.Option(metavar="N", min=0, help="How many runs at once; 0: one for each core.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate missions many times, solve each run in several ways, and say with intervals which is better and which bars are held."""
+    try:
+        with _progress(_loading(), "studying") as tell:
+            from leadline.missions.study_file import PAGE, study_folder
+
+            wanted, found = study_folder(file, out, processes=processes or os.cpu_count() or 1, progress=tell)
+    except KeyboardInterrupt:
+        raise Stopped("interrupted; finished runs are kept, and the same command goes on") from None
+    if as_json:
+        _print_json({"study": wanted.name, **found.to_dict()})
+        return
+    from leadline.report.study import study_text
+
+    _print_rich(study_text(wanted.name, found))
+    print(f"study: {out}   page: {out / PAGE}")
 
 
 @vehicle_app.command("new")

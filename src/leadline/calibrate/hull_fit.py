@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from leadline.calibrate.hull_knobs import Knob
     from leadline.calibrate.hull_problem import Index, Problem
     from leadline.calibrate.motion_data import Recorded
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
 
 LENGTHS = (2.0, 4.0, 8.0)  # s of a stretch: short ones first
 STRAY = 0.01  # m/s of residual below which velocities do not count as straying

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from leadline.simulate.hull_keys import ROWS, VELOCITIES
+from leadline.data.hull_keys import ROWS, VELOCITIES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from leadline.data.hull import Hull, Term, Thruster
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull, Term, Thruster
 
 SHARE = 0.7  # sigma of a drag, a thrust, a lift or a term, of itself
 ALIKE = 0.15  # sigma between thrusters of one make, of their thrust

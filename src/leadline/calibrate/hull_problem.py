@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from leadline.calibrate.hull_knobs import Knob
     from leadline.calibrate.motion_data import Channel, Recorded
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
 
 Index: TypeAlias = npt.NDArray[np.int64]
 STEP = 0.1  # s of the integration

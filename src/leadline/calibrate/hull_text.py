@@ -13,7 +13,7 @@ from leadline.calibrate.vehicle import Quantity, VehicleCalibration, changed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from leadline.simulate.hull import Thruster
+    from leadline.data.hull import Thruster
 
 Entry = dict[str, Any]
 KEYS = {"ahead": "ahead_n_per_rps2", "astern": "astern_n_per_rps2", "decay": "decay_n_per_rps_per_mps", "torque": "torque_nm_per_rps2"}

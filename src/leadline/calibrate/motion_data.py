@@ -20,11 +20,11 @@ from leadline.simulate.vectors import cross, turned, turned_back
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from leadline.data.hull import Hull
     from leadline.data.log import Log
     from leadline.data.records import Array, Table
     from leadline.data.solution import Solution
     from leadline.data.vehicle import Vehicle
-    from leadline.simulate.hull import Hull
 
 QUICKEST = 10.0  # rows per second that are used: more say little more
 

@@ -13,8 +13,8 @@ from leadline.core.compiled import kernel
 from leadline.simulate.dynamics import ACTUATORS, derivative
 
 if TYPE_CHECKING:
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
 
 
 @kernel()

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
     from leadline.calibrate.hull_knobs import Knob
     from leadline.calibrate.motion_data import Recorded
+    from leadline.data.hull import Hull
     from leadline.data.log import Log
     from leadline.data.records import Array
     from leadline.data.solution import Solution
     from leadline.data.vehicle import Vehicle
-    from leadline.simulate.hull import Hull
 
 SURE, ROUGH = 0.15, 0.5  # sigma after the log, of that before it
 READING = 0.004  # of the sigma before the log: thrusters are logged in steps, and straight in between

@@ -47,6 +47,7 @@ PULL = types.void(F, F, F, F, F2, F2, i8)  # x, u, params, view, Hv, H, rows  H 
 # Contract of a sensor model.             views, nuisance, row, params, z, R, Hv, Hn -> outcome
 SENSOR = i8(F, F, F, F, F, F2, F2, F2)
 # Contract of an estimator.
+SETTLE = types.void(I, F, F, F)  #                 plan, params, state, work         state and covariance brought up to date for an output
 PROPAGATE = types.void(I, F, F, f8, F, F2, F)  #   plan, params, state, dt, work, points, tape
 POINTS = i8(I, F, F, i8, F, F, F2, F2, F2)  #      plan, params, state, channel, row, work, points, V, N -> how many points; 0: none
 UPDATE = i8(
@@ -114,7 +115,7 @@ def caller(contract: Any) -> Any:
 
 
 call_step, call_push, call_noise, call_view, call_pull = map(caller, (STEP, PUSH, NOISE, VIEW, PULL))
-call_sensor, call_propagate, call_points, call_update = map(caller, (SENSOR, PROPAGATE, POINTS, UPDATE))
+call_sensor, call_propagate, call_points, call_update, call_settle = map(caller, (SENSOR, PROPAGATE, POINTS, UPDATE, SETTLE))
 
 
 class KernelLocator(_CacheLocator):  # type: ignore[misc]

@@ -18,6 +18,7 @@ import numpy as np
 
 from leadline.core import attitude
 from leadline.data.errors import InputError, suggestion
+from leadline.data.process_config import ProcessConfig, process_of
 from leadline.data.records import KINDS, UNITS
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ HUMAN_UNITS: Mapping[str, float] = {
     "degps": DEGREE, "deg_per_h": DEGREE / 3600, "deg_per_rth": DEGREE / 60, "deg_per_rts": DEGREE, "degps_per_rthz": DEGREE,
     "ug": MICRO_G, "ug_per_rthz": MICRO_G, "mps2_per_rthz": 1.0, "mps_per_rth": 1 / 60, "mps_per_rts": 1.0, "m_per_rts": 1.0,
     "percent": 0.01, "percent_per_rts": 0.01, "ppm": 1e-6, "ppm_per_rts": 1e-6, "hz": 1.0, "h": 3600.0,
-    "deg_per_h_per_rts": DEGREE / 3600, "s_per_rts": 1.0, "kgpm3": 1.0,
+    "deg_per_h_per_rts": DEGREE / 3600, "s_per_rts": 1.0, "kgpm3": 1.0, "degps_per_rts": DEGREE, "mps2_per_rts": 1.0, "n": 1.0,
+    "n_per_rts": 1.0,
 }  # fmt: skip
 
 
@@ -99,25 +101,12 @@ class SensorConfig:
 
 
 @dataclass(frozen=True)
-class ProcessConfig:
-    """Which process model moves the vehicle, what drives it, and how many poses at earlier epochs it can hold."""
-
-    model: str = "inertial"
-    imu: str = "imu"
-    standby: str | None = None
-    clones: int | None = None
-    align: float = 300.0  # s that may be spent on finding an unknown heading
-    aligned_sigma_heading: float = 0.0873  # rad: above it a run that began without a heading is still aligning
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Vehicle:
     """A vehicle: process model and instruments by instance name."""
 
     name: str
     sensors: Mapping[str, SensorConfig]
-    process: ProcessConfig = ProcessConfig()
+    process: ProcessConfig = field(default_factory=ProcessConfig)
     path: Path | None = None
     excluded: frozenset[str] = frozenset()  # instruments that were left out on request
     shared: Mapping[str, Prior] = field(default_factory=dict)  # of no one instrument: water.current, seabed.depth, clocks.NAME.offset
@@ -135,6 +124,10 @@ class Vehicle:
             self[name]
         return self.without(*(name for name in self.sensors if name not in names))
 
+    def moved_by(self, model: str) -> Vehicle:
+        """Return the vehicle with another process model."""
+        return replace(self, process=replace(self.process, model=model))
+
     def without(self, *names: str) -> Vehicle:
         """Return the vehicle without the named instruments."""
         for name in names:
@@ -144,9 +137,10 @@ class Vehicle:
         return replace(self, sensors=kept, excluded=self.excluded | set(names), process=replace(self.process, standby=standby))
 
 
-def read_vehicle(path: str | Path, *fragments: str | Path) -> Vehicle:
+def read_vehicle(path: str | Path, *fragments: str | Path, over: Mapping[str, Any] | None = None) -> Vehicle:
     """Read a vehicle file; `fragments` are files of the same form that come before it, key by key, as calibration and tuning write them.
 
+    over: keys as such a file has them, which come before all.
     Raises InputError, naming file, key and value, for a missing file, wrong TOML, an unknown key or preset, a value of the wrong
     type or outside its range, and a mounting that is no rotation.
     """
@@ -154,7 +148,7 @@ def read_vehicle(path: str | Path, *fragments: str | Path) -> Vehicle:
     raw = _toml(texts[0], str(path))
     for place, text in zip(fragments, texts[1:], strict=True):
         raw = _over(raw, _toml(text, str(place)))
-    return _vehicle(raw, Path(path), " with ".join(map(str, (path, *fragments))))
+    return _vehicle(_over(raw, over or {}), Path(path), " with ".join(map(str, (path, *fragments))))
 
 
 def _text(path: Path) -> str:
@@ -196,21 +190,14 @@ def _vehicle(raw: dict[str, Any], path: Path | None, where: str | None = None) -
     top = vehicle_keys.check_top(raw, where)
     sensors = {name: _sensor(name, keys, f"{where}: sensors.{name}") for name, keys in top.sensors.items()}
     imus = [name for name, sensor in sensors.items() if sensor.kind == "imu"]
-    if top.process.model == "inertial" and top.process.imu not in imus:
-        right = suggestion(top.process.imu, imus) or "add one: the process model 'inertial' is driven by it"
+    if top.process.model in ("inertial", "body-velocity") and top.process.imu not in imus:
+        right = suggestion(top.process.imu, imus) or f"add one: the process model '{top.process.model}' is driven by it"
         raise InputError(f"{where}: process.imu", f"'{top.process.imu}' is no sensor of kind imu", right)
     if top.process.standby is not None and (top.process.standby not in imus or top.process.standby == top.process.imu):
         others = [name for name in imus if name != top.process.imu]
         raise InputError(f"{where}: process.standby", f"'{top.process.standby}' is no other sensor of kind imu", suggestion("", others))
     _check_references(sensors, top.clocks, where)
-    process = ProcessConfig(
-        top.process.model,
-        top.process.imu,
-        top.process.standby,
-        top.process.clones,
-        top.process.align_s,
-        top.process.aligned_sigma_heading_deg * DEGREE,
-    )
+    process = process_of(top.process)
     points = {name: np.array(point.lever_arm_m, float) for name, point in top.points.items()}
     return Vehicle(top.name, sensors, process, path, shared=_shared(top, where), points=points)
 
@@ -237,7 +224,7 @@ def _shared(top: Any, where: str) -> dict[str, Prior]:
     for table, keys in tables.items():
         for name, value in keys.items():
             spec = vehicle_keys.shared_of(table.partition(".")[0], name, f"{where}: {table}")
-            found[f"{table}.{name}"] = _prior_of(spec, value, f"{where}: {table}.{name}")
+            found[f"{table}.{name}"] = prior_of(spec, value, f"{where}: {table}.{name}")
     return found
 
 
@@ -354,10 +341,11 @@ def _rotation(keys: Mapping[str, Any], where: str) -> Array:
 def _prior(kind: str, name: str, keys: Mapping[str, Any], where: str) -> Prior:
     from leadline.data import vehicle_keys
 
-    return _prior_of(vehicle_keys.nuisance_of(kind, name, where), keys, f"{where}.nuisance.{name}")
+    return prior_of(vehicle_keys.nuisance_of(kind, name, where), keys, f"{where}.nuisance.{name}")
 
 
-def _prior_of(spec: Any, keys: Mapping[str, Any], where: str) -> Prior:
+def prior_of(spec: Any, keys: Mapping[str, Any], where: str) -> Prior:
+    """Return the prior that checked keys of a nuisance make."""
     from leadline.data import vehicle_keys
 
     checked = vehicle_keys.check_prior(keys, spec, where)

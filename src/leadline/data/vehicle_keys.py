@@ -20,7 +20,10 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Process(Keys):
-    """The table [process]: the inertial unit that drives the model, and the one that stands in while it is silent."""
+    """The table [process]: the model, the inertial unit that may drive it, and the one that stands in while it is silent.
+
+    `own` is handed to a model of the user's own, as it is; each other model has a table of its name (data/process_keys.py).
+    """
 
     model: str = "inertial"
     imu: str = "imu"
@@ -28,6 +31,13 @@ class Process(Keys):
     clones: Annotated[int, Field(ge=0, le=4)] | None = None
     align_s: Positive = 300.0
     aligned_sigma_heading_deg: Positive = 5.0
+    sync_s: Annotated[float, Field(gt=0, le=60)] | None = None
+    inertial: dict[str, Any] = Field(default_factory=dict)
+    body_velocity: dict[str, Any] = Field(default_factory=dict, alias="body-velocity")
+    cruise: dict[str, Any] = Field(default_factory=dict)
+    planar: dict[str, Any] = Field(default_factory=dict)
+    dynamics: dict[str, Any] = Field(default_factory=dict)
+    own: dict[str, Any] = Field(default_factory=dict)
 
 
 class Point(Keys):
@@ -83,7 +93,7 @@ NUISANCES: Mapping[str, Mapping[str, NuisanceKeys]] = {
     "pressure": {"datum": NuisanceKeys("m"), "scale": NuisanceKeys("percent")},
     "altimeter": {"bias": NuisanceKeys("m")},
     "yaw_rate": {"bias": NuisanceKeys("deg_per_h"), "scale": NuisanceKeys("percent")},
-    "heading": {"bias": NuisanceKeys("deg"), "swing": NuisanceKeys("deg", 4)},
+    "heading": {"bias": NuisanceKeys("deg"), "swing": NuisanceKeys("deg", 4), "drift": NuisanceKeys("deg_per_h")},
     "attitude": {"bias": NuisanceKeys("deg", 3), "swing": NuisanceKeys("deg", 4)},
     "gnss": {"bias": NuisanceKeys("m", 2)},
     "position_fix": {"bias": NuisanceKeys("m", 2)},

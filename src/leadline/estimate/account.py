@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.outcome import Outcome
-from leadline.data.records import Imu, Truth
+from leadline.data.records import Truth
 from leadline.data.solution import Innovations
 from leadline.estimate import plan as at
 
@@ -115,8 +115,10 @@ def _joined(parts: list[Innovations]) -> Innovations:
     return Innovations(**joined)
 
 
-def summary_of(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, innovations: Innovations) -> dict[str, Any]:
-    """What was run, and what became of every row."""
+def summary_of(
+    log: Log, vehicle: Vehicle, estimator: str, solution: Solution, innovations: Innovations, fed: frozenset[str]
+) -> dict[str, Any]:
+    """What was run, and what became of every row; fed: tables whose rows are input, and leave no entry where they are used."""
     from leadline import __version__
 
     return {
@@ -127,7 +129,7 @@ def summary_of(log: Log, vehicle: Vehicle, estimator: str, solution: Solution, i
         "estimator": estimator,
         "start_s": float(solution.time[0]),
         "end_s": float(solution.time[-1]),
-        "counts": counts_of(log, innovations),
+        "counts": counts_of(log, innovations, fed),
         "inputs": {str(path): file_hash(path) for path in _inputs(log, vehicle)},
     }
 
@@ -145,8 +147,8 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:
-    """Count rows by sensor and outcome; a row of several channels counts as used if any of them was."""
+def counts_of(log: Log, innovations: Innovations, fed: frozenset[str] = frozenset()) -> dict[str, dict[str, int]]:
+    """Count rows by sensor and outcome; a row of several channels counts as used if any of them was, one of `fed` if it has no entry."""
     counts: dict[str, dict[str, int]] = {}
     for name, table in log.tables.items():
         if isinstance(table, Truth):
@@ -157,6 +159,6 @@ def counts_of(log: Log, innovations: Innovations) -> dict[str, dict[str, int]]:
         np.minimum.at(outcome, which, mine.outcome)
         codes, number = np.unique(outcome, return_counts=True)
         counts[name] = {Outcome(int(c)).name.lower(): int(k) for c, k in zip(codes, number, strict=True)}
-        if isinstance(table, Imu) and not np.isin(outcome, UNSEEN).any():
+        if name in fed and not np.isin(outcome, UNSEEN).any():
             counts[name] = {"used": len(table) - len(rows), **counts[name]}
     return counts

@@ -49,7 +49,7 @@ def aligned(log: Log, vehicle: Vehicle, start: Start, begin: Callable[[Start], N
     Raises InputError where these do not determine it.
     """
     navigator = begin(turned(start, 0.0, SPACING))
-    end = _end(log, vehicle, start)
+    end = min(start.time + vehicle.process.align, inputs_of(log, vehicle, navigator).covered)
     events = stream_of(log, vehicle, navigator, times=np.array([start.time]), end=end).events
     headings = np.arange(0.0, 2 * np.pi, SPACING)
     likelihood = np.array([_likelihood(begin(turned(start, h, SPACING)), events) for h in headings])
@@ -64,11 +64,6 @@ def aligned(log: Log, vehicle: Vehicle, start: Start, begin: Callable[[Start], N
     if not sigma < ENOUGH:
         raise InputError(where, found, right)
     return turned(start, heading, float(UNKNOWN))
-
-
-def _end(log: Log, vehicle: Vehicle, start: Start) -> float:
-    """The last moment that alignment may look at."""
-    return min(start.time + vehicle.process.align, inputs_of(log, vehicle).covered)
 
 
 def turned(start: Start, heading: float, sigma: float) -> Start:

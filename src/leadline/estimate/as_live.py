@@ -13,7 +13,6 @@ import numpy as np
 
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
-from leadline.data.records import Imu
 from leadline.estimate.account import innovations_of, looked_at, summary_of
 from leadline.estimate.assembly import navigator_for
 from leadline.estimate.composition import output_size
@@ -71,7 +70,7 @@ class Ledger:
             index=window.index[:cut],
             row=window.row[:cut].copy(),
         )
-        own = np.flatnonzero(events.kind == IS_INPUT)
+        own = np.flatnonzero((events.kind == IS_INPUT) & (window.source[:cut] < 0))
         self.inputs.append((events.time[own], window.rows[own, :INPUT_SIZE].copy()))
         measured = np.flatnonzero(events.measured)
         outcome, result = window.outcome[measured].copy(), window.result[measured].copy()
@@ -113,6 +112,7 @@ def solve_as_live(
     vehicle: Vehicle,
     *,
     estimator: str = "ekf",
+    process: str | None = None,
     window: float = WINDOW,
     rate: float = DEFAULT_RATE,
     times: Array | None = None,
@@ -127,10 +127,14 @@ def solve_as_live(
     end: deliver what arrived up to then.  snapshot: where to write all that the navigator knows at the end.  resume: such a file; rows
     that had arrived before it are passed over.  All else as `solve`.
     """
+    vehicle = vehicle if process is None else vehicle.moved_by(process)
+    if vehicle.process.sync is not None:
+        raise InputError("process.sync_s", f"{vehicle.process.sync} s, as live", "solve without --as-live: a tick is known only afterwards")
     navigator, begun, _ = navigator_for(log, vehicle, estimator=estimator, window=window)
     look_at(navigator, vehicle, at)
     after = restore(navigator, resume) if resume is not None else -np.inf
-    inertial = tuple(n for n in (vehicle.process.imu, vehicle.process.standby) if n is not None and n in log.tables)
+    driving = navigator.inputs.names if navigator.inputs is not None else ()
+    inertial = tuple(n for n in driving if n in log.tables)
     names = tuple(n for n in vehicle.sensors if n in log.tables and n not in navigator.unmodelled)
     order = list(deliveries(log, names, inertial, after, np.inf if end is None else end))
     if not order:
@@ -138,19 +142,19 @@ def solve_as_live(
         raise InputError(f"{log.path or log.name}", found, "resume with a log that goes on, or deliver more of it")
     ledger, outcome = Ledger(navigator), {name: np.full(len(log[name]), int(Outcome.OUTSIDE_RUN)) for name in names}
     navigator.on_final = ledger.note
-    moments = _moments(log, vehicle, navigator.time, rate, times, end)
+    moments = _moments(log, vehicle, navigator, rate, times, end)
     navigator.outputs = np.full((max(1, len(moments)), output_size(navigator.composition.layout)), np.nan)
     first_row = {name: navigator.rows[name] for name in navigator.rows}
     asked = 0
     numbers: dict[str, list[int]] = {name: [] for name in navigator.rows}
     for done, delivery in enumerate(order):
         table = log[delivery.sensor].select(delivery.rows)
-        if isinstance(table, Imu):
-            newest = np.nanmax(table.time) - navigator.clocks[delivery.sensor].offset
+        if delivery.sensor in inertial or not inertial:
+            newest = np.nanmax(table.time, initial=-np.inf) - navigator.clocks[delivery.sensor].offset
             ahead = max(asked, int(np.searchsorted(moments, newest, side="right")))
             navigator.take(_asked(moments, asked, ahead))
             asked = ahead
-        else:
+        if delivery.sensor not in inertial:
             numbers[delivery.sensor] += delivery.rows.tolist()
         outcome[delivery.sensor][delivery.rows] = navigator.receive(delivery.sensor, table)
         if progress is not None and done % 1000 == 0:
@@ -177,9 +181,9 @@ class _Told:
     first: dict[str, int]  # by sensor: how many had been delivered before
 
 
-def _moments(log: Log, vehicle: Vehicle, start: float, rate: float, times: Array | None, end: float | None) -> Array:
+def _moments(log: Log, vehicle: Vehicle, navigator: Navigator, rate: float, times: Array | None, end: float | None) -> Array:
     """When states are wanted, as far as inputs can reach."""
-    covered = inputs_of(log, vehicle).covered
+    start, covered = navigator.time, inputs_of(log, vehicle, navigator).covered
     last = covered if end is None else min(covered, max(start, end))
     if times is None:
         return output_times(start, last, rate) if last > start else np.array([start])
@@ -206,10 +210,12 @@ def _named(log: Log, vehicle: Vehicle, navigator: Navigator, ledger: Ledger, tol
             told.outcome[name][rows[name][row - told.first[name]]] = int(Outcome.OUTSIDE_RUN)
     innovations = innovations_of(log, vehicle, looked, told.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate([*ledger.bounded, np.zeros(0)]))  # type: ignore[arg-type]
-    summary = {**summary_of(log, vehicle, told.estimator, solution, innovations), "as_live": {"window_s": navigator.window}}
-    time, data = (np.concatenate(parts) for parts in zip(*ledger.inputs, strict=True))
-    spans = spans_of(time, data, navigator.time, (vehicle.process.imu, vehicle.process.standby))
-    summary |= inertial_spans([replace(s, start=max(s.start, navigator.start)) for s in spans])
+    summary = summary_of(log, vehicle, told.estimator, solution, innovations, navigator.fed)
+    summary |= {"as_live": {"window_s": navigator.window}}
+    if navigator.inputs is not None:
+        time, data = (np.concatenate(parts) for parts in zip(*ledger.inputs, strict=True))
+        spans = spans_of(time, data, navigator.time, (vehicle.process.imu, vehicle.process.standby))
+        summary |= inertial_spans([replace(s, start=max(s.start, navigator.start)) for s in spans])
     return replace(solution, innovations=innovations, status=status, summary=summary | clock_steps(navigator.clocks))
 
 

@@ -3,68 +3,106 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from leadline.core import attitude, geodesy
-from leadline.data.errors import InputError, suggestion
+from leadline.data.errors import InputError
+from leadline.data.outcome import Outcome
 from leadline.data.records import Imu
-from leadline.estimate import kalman
 from leadline.estimate.alignment import aligned
 from leadline.estimate.clocks import Clock
 from leadline.estimate.composition import Composition, room_for_clones
+from leadline.estimate.estimators import estimator_of
 from leadline.estimate.inputs import Inputs
 from leadline.estimate.navigator import Navigator
 from leadline.estimate.output import Reference
 from leadline.estimate.start import Start, origin_of, start_of
 from leadline.models.imu import rates_of
-from leadline.models.inertial_units import inertial_units, initial_units
 from leadline.models.layout import MOST_CLONES
-from leadline.models.sensor import Context
+from leadline.models.process import Pose
+from leadline.models.processes import compose_process
+from leadline.models.sensor import Context, Reading, Sensor, usable
 from leadline.models.sensors import compose
+from leadline.models.view import TURNING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from leadline.data.log import Log
-    from leadline.data.records import Array
+    from leadline.data.records import Array, Table
     from leadline.data.vehicle import SensorConfig, Vehicle
-    from leadline.models.sensor import Sensor
-
-ESTIMATORS: Mapping[str, Any] = {"ekf": kalman}
+    from leadline.models.process import Feed, Process
 
 
-def navigator_for(log: Log, vehicle: Vehicle, *, estimator: str = "ekf", window: float = 30.0) -> tuple[Navigator, Start, Context]:
+def navigator_for(
+    log: Log, vehicle: Vehicle, *, estimator: str = "ekf", process: str | None = None, window: float = 30.0
+) -> tuple[Navigator, Start, Context]:
     """Return a navigator at the start of a log, that start, and the context of the sensors.
 
+    estimator: a name with settings, as "ukf:alpha=0.5" (estimate/estimators.py).  process: a process model in place of the vehicle's.
     Where neither the log's [initial] nor a sensor has a heading, the first minutes of the log must determine it.  Raises InputError for
     what cannot be run.
     """
-    if estimator not in ESTIMATORS:
-        raise InputError("estimator", f"'{estimator}' is not known", suggestion(estimator, ESTIMATORS))
-    if vehicle.process.model != "inertial":
-        raise InputError("process.model", f"'{vehicle.process.model}' is not known", "known: inertial")
-    context = Context.of(log, vehicle)
-    imu = vehicle[vehicle.process.imu]
-    sensors = tuple(s for config in vehicle.sensors.values() if (s := compose(config, context)) is not None)
-    process = inertial_units(imu, standby_of(vehicle), context.surface)
+    chosen = estimator_of(estimator)
+    if process is not None:
+        vehicle = vehicle.moved_by(process)
+    moved = compose_process(vehicle, Context.of(log, vehicle))
+    context = Context.of(log, vehicle, moved.reference_b)
+    sensors = sensors_of(vehicle, moved, context)
     clones = vehicle.process.clones
     if clones is None:
-        clones = min(MOST_CLONES, room_for_clones(process, sensors), _clones_needed(sensors, log))
-    composition = Composition(process, sensors, ESTIMATORS[estimator], clones)
-    unmodelled = frozenset(vehicle.sensors) - {s.config.name for s in sensors} - {vehicle.process.imu, vehicle.process.standby}
+        clones = min(MOST_CLONES, room_for_clones(moved, sensors), _clones_needed(sensors, log))
+    composition = Composition(moved, sensors, chosen, clones if chosen.clones else 0)
+    driving = driving_of(vehicle, moved)
+    unmodelled = frozenset(vehicle.sensors) - {s.config.name for s in sensors} - frozenset(driving)
 
     def begin(start: Start) -> Navigator:
-        state = composition.layout.start(start.time, *_initial(start, vehicle, log))
+        state = composition.layout.start(start.time, *moved.begin(_pose(start, vehicle, log, moved)))
+        if chosen.prepare is not None:
+            chosen.prepare(composition.plan, composition.params, composition.layout, state)
         reference = Reference(log.epoch, origin_of(log, start), context)
         clocks = {name: Clock(config.mend_clock) for name, config in vehicle.sensors.items()}
-        return Navigator(composition, state, Inputs.of(imu, standby_of(vehicle)), window, reference, unmodelled, clocks)
+        inputs = Inputs.of(vehicle[vehicle.process.imu], standby_of(vehicle)) if driving else None
+        return Navigator(composition, state, inputs, window, reference, unmodelled, clocks)
 
     start = start_of(log, vehicle, context, sensors)
     if np.isinf(start.sigma_heading):
+        if not chosen.smooths:
+            right = "add heading_deg or a compass, or take another estimator (ekf, ukf)"
+            raise InputError(f"{log.path or log.name}: [initial]", f"says no heading, and '{estimator}' cannot find one", right)
         start = replace(aligned(log, vehicle, start, begin), aligning=True)
     return begin(start), start, context
+
+
+def driving_of(vehicle: Vehicle, process: Process) -> tuple[str, ...]:
+    """Return the inertial units that drive a process model."""
+    if process.consumes != "imu":
+        return ()
+    return (vehicle.process.imu, *([] if vehicle.process.standby is None else [vehicle.process.standby]))
+
+
+def sensors_of(vehicle: Vehicle, process: Process, context: Context) -> tuple[Sensor, ...]:
+    """Return the sensors of a vehicle as a process model uses them: as corrections, as inputs, or as both."""
+    feeds = {feed.sensor: feed for feed in process.feeds}
+    found = []
+    for name, config in vehicle.sensors.items():
+        feed = feeds.get(name)
+        if feed is not None and not feed.also_corrects:
+            found.append(Sensor(config, (), partial(_fed, feed), feed=feed.rows))
+            continue
+        if config.kind == "imu" and config.model is None and TURNING not in process.defines:
+            continue
+        sensor = compose(config, context)
+        if sensor is not None:
+            found.append(sensor if feed is None else replace(sensor, feed=feed.rows))
+    return tuple(found)
+
+
+def _fed(feed: Feed, table: Table) -> Reading:
+    """What a table that is input alone gives: no channel a row, and the outcome of each of its rows."""
+    known = np.isfinite(feed.rows(table)).any(axis=1) & usable(table)
+    return Reading((), np.where(known, int(Outcome.USED), int(Outcome.INVALID)))
 
 
 def _clones_needed(sensors: tuple[Sensor, ...], log: Log) -> int:
@@ -85,23 +123,22 @@ def _clones_needed(sensors: tuple[Sensor, ...], log: Log) -> int:
     return int(max(1, (begun - ended).max()))
 
 
-def _initial(start: Start, vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
-    """Nominal motion and its covariance at the IMU, from the start of the body origin."""
-    imu = vehicle[vehicle.process.imu]
+def _pose(start: Start, vehicle: Vehicle, log: Log, process: Process) -> Pose:
+    """The start of the body origin, brought to the point that the process model moves."""
     rotation = attitude.matrix_from_quaternion(start.quaternion_nb)
-    lever = rotation @ imu.lever_arm_b
-    turning = rotation @ np.cross(_first_rate(log, vehicle, start), imu.lever_arm_b)
+    lever = rotation @ process.reference_b
+    rate = _first_rate(log, vehicle, start)
+    turning = rotation @ np.cross(rate, process.reference_b)
     place = geodesy.ecef_from_geodetic(start.latitude, start.longitude, start.height)
     point = place + geodesy.rotation_en(start.latitude, start.longitude) @ lever
     latitude, longitude, height = geodesy.geodetic_from_ecef(point)
     q_en = attitude.quaternion_from_matrix(geodesy.rotation_en(latitude, longitude))
-    values, bias = initial_units(imu, standby_of(vehicle))
-    x = np.concatenate([q_en, [float(height)], start.velocity_n + turning, start.quaternion_nb, values])
     tilt = [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]
-    sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_depth, *[start.sigma_velocity] * 3, *tilt, *bias])
-    shift = np.eye(len(sigma))
+    sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_depth, *[start.sigma_velocity] * 3, *tilt])
+    shift = np.eye(9)
     shift[0:3, 6:9], shift[3:6, 6:9] = -_skew(lever), -_skew(turning)
-    return x, shift @ np.diag(sigma**2) @ shift.T
+    covariance = shift @ np.diag(sigma**2) @ shift.T
+    return Pose(q_en, float(height), start.velocity_n + turning, start.quaternion_nb, rate, covariance, start.time)
 
 
 def standby_of(vehicle: Vehicle) -> SensorConfig | None:
@@ -115,8 +152,8 @@ def _skew(a: Array) -> Array:
 
 def _first_rate(log: Log, vehicle: Vehicle, start: Start) -> Array:
     """Angular rate of the body against the Earth at the start (3,): a line through the gyro's rows of a fifth of a second."""
-    imu, config = log.tables.get(vehicle.process.imu), vehicle[vehicle.process.imu]
-    if not isinstance(imu, Imu):
+    imu, config = log.tables.get(vehicle.process.imu), vehicle.sensors.get(vehicle.process.imu)
+    if config is None or not isinstance(imu, Imu):
         return np.zeros(3)
     rates, _, _ = rates_of(imu)
     near = np.flatnonzero(np.isfinite(rates).all(axis=1) & (np.abs(imu.time - start.time) < 0.1))

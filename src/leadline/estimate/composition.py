@@ -6,8 +6,8 @@ never saved; the state array is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -16,7 +16,7 @@ from leadline.core import compiled
 from leadline.core.compiled import COMPONENTS, NUISANCES, SLOT_NUISANCE, WIDE
 from leadline.data.errors import InputError
 from leadline.estimate import plan as at
-from leadline.models.layout import CLONE_ERROR, Layout
+from leadline.models.layout import CLONE_ERROR, Layout, shared_names
 from leadline.models.view import TANGENT, VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -24,11 +24,13 @@ if TYPE_CHECKING:
 
     from leadline.data.records import Array
     from leadline.data.vehicle import SensorConfig
+    from leadline.estimate.estimator import Estimator
     from leadline.models.nuisance import Nuisance
     from leadline.models.process import Process
     from leadline.models.sensor import Channel, Sensor
 
 
+WORK = 20 * WIDE * WIDE  # numbers that an estimator may work in
 # What displaces the views of a channel: its place in the plan, and that of its values behind GATE.
 DISPLACING = {"time": at.TIME_S, "offset": at.OFFSET_S, "drift": at.DRIFT_S, "lever": at.LEVER_S}
 DISPLACING_VALUE = {"time": at.TIME_P, "offset": at.OFFSET_P, "drift": at.DRIFT_P, "lever": at.LEVER_P}
@@ -59,13 +61,20 @@ class Composition:
     requires what the process model does not define.
     """
 
-    def __init__(self, process: Process, sensors: tuple[Sensor, ...], estimator: Any, clones: int) -> None:
-        """Compose; `estimator` is a module with the kernels propagate, points and update."""
+    def __init__(self, process: Process, sensors: tuple[Sensor, ...], estimator: Estimator, clones: int) -> None:
+        """Compose."""
         self.process, self.sensors, self.estimator = process, sensors, estimator
         self.slots = slots_of(sensors)
+        if estimator.linear and not process.linear:
+            right = "take a linear one (planar), or another estimator (ekf, ukf)"
+            raise InputError("estimator", f"'{estimator.name}' wants linear models; process model '{process.name}' is none", right)
+        for sensor in sensors:
+            _check_epochs(sensor, estimator)
         for slot in self.slots:
-            _check(slot, process, clones)
-        self.layout = Layout(process.parts, _states(self.slots), clones, len(self.slots))
+            _check(slot, process, estimator, clones)
+        layout = Layout(process.parts, states_of(self.slots, process), clones, len(self.slots))
+        estimator.check(layout)
+        self.layout = replace(layout, extra=estimator.extra(layout))
         self.first_slot = dict(zip((s.config.name for s in sensors), _starts(sensors), strict=True))
         self.slots_of = {
             s.config.name: range(self.first_slot[s.config.name], self.first_slot[s.config.name] + len(s.channels)) for s in sensors
@@ -79,17 +88,18 @@ class Composition:
         plan = np.zeros(at.CHANNEL + at.CHANNEL_SIZE * max(1, len(self.slots)), np.int64)
         plan[: len(self.layout.head())] = self.layout.head()
         plan[at.STEP_AT : at.PROPAGATE_AT] = [compiled.address(*pair) for pair in self.process.kernels()]
-        contracts = (compiled.PROPAGATE, compiled.POINTS, compiled.UPDATE)
-        names = ("propagate", "points", "update")
-        plan[at.PROPAGATE_AT : at.MOTION_PARAMS] = [
-            compiled.address(getattr(self.estimator, n), c) for n, c in zip(names, contracts, strict=True)
-        ]
+        plan[at.PROPAGATE_AT : at.SETTLE_AT] = [compiled.address(*pair) for pair in self.estimator.kernels()]
+        if self.estimator.settle is not None:
+            plan[at.SETTLE_AT] = compiled.address(self.estimator.settle, compiled.SETTLE)
+        plan[at.ROOT] = self.estimator.root
         plan[at.MOTION_PARAMS], plan[at.MOTION_END], plan[at.DECAY_PARAMS] = 0, len(params), len(params)
         for state in self.layout.nuisances:
             params += [state.rate, state.density, state.per_metre, state.density_per_metre, state.value]
         plan[at.FIELDS] = sum(state.per_metre > 0.0 for state in self.layout.nuisances)
         plan[at.LONGEST_STEP] = len(params)
         params.append(self.process.longest_step)
+        plan[at.ESTIMATOR] = len(params)
+        params += [float(value) for value in self.estimator.parameters]
         for i, slot in enumerate(self.slots):
             row = plan[at.CHANNEL + at.CHANNEL_SIZE * i :][: at.CHANNEL_SIZE]
             self._compile_channel(row, params, slot)
@@ -121,13 +131,13 @@ class Composition:
 class Workspace:
     """The arrays that the loop works in: allocated once.  An empty tape records nothing."""
 
-    def __init__(self, layout: Layout) -> None:
-        """Allocate for a layout."""
+    def __init__(self, layout: Layout, count: int = 1) -> None:
+        """Allocate for a layout, and an estimator that asks at so many points."""
         width = max(WIDE, 2 * TANGENT)
-        self.work = np.zeros(3 * WIDE * WIDE)
+        self.work = np.zeros(WORK)
         self.points = np.zeros((2 * TANGENT + 2, width))
-        self.V, self.N = np.zeros((1, 2 * VIEW_SIZE)), np.zeros((1, NUISANCES))
-        self.Z, self.R = np.zeros((1, COMPONENTS)), np.zeros((COMPONENTS, COMPONENTS))
+        self.V, self.N = np.zeros((count, 2 * VIEW_SIZE)), np.zeros((count, NUISANCES))
+        self.Z, self.R = np.zeros((count, COMPONENTS)), np.zeros((COMPONENTS, COMPONENTS))
         self.Hv, self.Hn = np.zeros((COMPONENTS, 2 * TANGENT)), np.zeros((COMPONENTS, NUISANCES))
         self.scratch, self.tape = np.zeros(layout.size), np.zeros(0)
 
@@ -145,7 +155,7 @@ def output_size(layout: Layout) -> int:
 def room_for_clones(process: Process, sensors: tuple[Sensor, ...]) -> int:
     """Return how many clones fit beside the motion and the nuisances of sensors; at least one is always asked for."""
     slots = slots_of(sensors)
-    fixed = sum(part.size for part in process.parts) + len(_states(slots))
+    fixed = sum(part.size for part in process.parts) + len(states_of(slots, process))
     return max(1, (WIDE - fixed) // CLONE_ERROR)
 
 
@@ -158,15 +168,16 @@ def _starts(sensors: tuple[Sensor, ...]) -> list[int]:
     return [sum(len(s.channels) for s in sensors[:i]) for i in range(len(sensors))]
 
 
-def _states(slots: tuple[Slot, ...]) -> tuple[Nuisance, ...]:
-    """The nuisances that are states, each once; equal names must have equal priors."""
+def states_of(slots: tuple[Slot, ...], process: Process) -> tuple[Nuisance, ...]:
+    """Return the nuisances that are states, each once; equal names must have equal priors.  What the motion holds itself is its own."""
     found: dict[str, Nuisance] = {}
     for slot in slots:
         for nuisance in (*slot.channel.nuisances, *(n for part in slot.channel.displacing.values() for n in part)):
             known = found.setdefault(nuisance.name, nuisance)
             if known != nuisance:
                 raise InputError(f"nuisance {nuisance.name}", "has two different priors", "equal names are one state: give one prior")
-    return tuple(n for n in found.values() if n.sigma > 0.0 or n.density > 0.0 or n.density_per_metre > 0.0)
+    own = frozenset(shared_names(process.parts))
+    return tuple(n for n in found.values() if n.name not in own and (n.sigma > 0.0 or n.density > 0.0 or n.density_per_metre > 0.0))
 
 
 def _gate_parameters(slot: Slot) -> list[float]:
@@ -180,9 +191,21 @@ def _gate_parameters(slot: Slot) -> list[float]:
     return parameters
 
 
-def _check(slot: Slot, process: Process, clones: int) -> None:
+def _check_epochs(sensor: Sensor, estimator: Estimator) -> None:
+    """Refuse a sensor that only ever looks at an earlier pose, where none is held."""
+    if sensor.channels and not estimator.clones and all(channel.epochs == 2 for channel in sensor.channels):
+        found, right = "looks at an earlier pose", f"estimator '{estimator.name}' holds none: leave it out, or take another (ekf, ukf)"
+        raise InputError(f"sensors.{sensor.config.name}", found, right)
+
+
+def _check(slot: Slot, process: Process, estimator: Estimator, clones: int) -> None:
     """Refuse what does not fit, in one sentence."""
     where = f"sensors.{slot.sensor}"
+    if estimator.linear and not slot.channel.linear:
+        found = f"measures {', '.join(slot.channel.components)}, which is not linear in the state"
+        raise InputError(where, found, f"estimator '{estimator.name}' cannot use it: leave it out, or take another (ekf, ukf)")
+    if slot.channel.epochs == 2 and not estimator.clones:
+        return  # its rows find no pose, and say so
     if slot.channel.epochs == 2 and clones == 0:
         raise InputError(where, "looks at an earlier pose, and there are no clones", "set process.clones to 1 or more")
     if slot.channel.epochs == 2 and any(slot.channel.displacing.values()):

@@ -253,7 +253,20 @@ def measurements(
             batches += _clones(earlier, time[index], sensor.flight, start)
             data = np.column_stack([data, earlier])
         batches.append(Batch(first_slot + rows.channel, time[index], data, sensor.config.name, index))
+    if sensor.feed is not None:
+        batches.append(_fed(sensor, table, time, outcome, start))
     return batches, outcome
+
+
+def _fed(sensor: Sensor, table: Table, time: Array, outcome: Integers, start: float) -> Batch:
+    """The rows of a sensor that are input; one from before the start acts until the next, and where it is input alone it is used."""
+    assert sensor.feed is not None
+    data = np.asarray(sensor.feed(table), float)
+    before = (outcome == Outcome.OUTSIDE_RUN) & (time < start)
+    index = np.flatnonzero(np.isfinite(data).any(axis=1) & ((outcome == Outcome.USED) | before))
+    if not sensor.channels:
+        outcome[before] = Outcome.USED
+    return Batch(IS_INPUT, time[index], np.ascontiguousarray(data[index]), sensor.config.name, index)
 
 
 def _last(read: Reading, first: int) -> Reading:

@@ -8,7 +8,21 @@ from __future__ import annotations
 
 import math
 
-from leadline.core.compiled import F2, WIDE, F, I, call_points, call_propagate, call_pull, call_sensor, call_update, call_view, i8, kernel
+from leadline.core.compiled import (
+    F2,
+    WIDE,
+    F,
+    I,
+    call_points,
+    call_propagate,
+    call_pull,
+    call_sensor,
+    call_settle,
+    call_update,
+    call_view,
+    i8,
+    kernel,
+)
 from leadline.estimate.plan import (
     CHANNEL,
     CHANNEL_SIZE,
@@ -29,7 +43,9 @@ from leadline.estimate.plan import (
     POINTS_AT,
     PROPAGATE_AT,
     PULL_AT,
+    ROOT,
     SENSOR_AT,
+    SETTLE_AT,
     STANDBY_AFTER,
     STANDBY_END,
     STANDBY_FIRST,
@@ -51,6 +67,7 @@ from leadline.models.layout import (
     LAST_USED,
     MOTION,
     NOMINAL,
+    NOW_U,
     NUISANCES_N,
     TIME,
     X,
@@ -67,12 +84,14 @@ def advance(plan, params, state, time, work, points, tape):
     longest = params[plan[LONGEST_STEP]]
     while state[TIME] < time:
         dt = time - state[TIME]
+        state[INPUT + NOW_U] = state[TIME]
         if dt > longest:
             call_propagate(plan[PROPAGATE_AT], plan, params, state, longest, work, points, tape)
             state[TIME] += longest
         else:
             call_propagate(plan[PROPAGATE_AT], plan, params, state, dt, work, points, tape)
             state[TIME] = time
+    state[INPUT + NOW_U] = state[TIME]
 
 
 @kernel()
@@ -109,6 +128,9 @@ def clone(plan, params, state, view, points, tape):
     at = plan[X] + plan[NOMINAL] + plan[NUISANCES_N] + CLONE_NOMINAL * slot
     state[at : at + 5] = view[0:5]
     state[at + 5 : at + 9] = view[8:12]
+    if plan[ROOT] != 0:
+        clone_root(plan, H, P, first)
+        return
     for k in range(CLONE_ERROR):  # rows: J P, from the rows of the motion alone
         source, i = (k if k < 3 else k + 3), first + k
         for j in range(n):
@@ -126,6 +148,17 @@ def clone(plan, params, state, view, points, tape):
 
 
 @kernel()
+def clone_root(plan, H, S, first):
+    """The rows of a new clone in a root of the covariance: J S; nothing of their own."""
+    for k in range(CLONE_ERROR):
+        source, i = (k if k < 3 else k + 3), first + k
+        S[i * WIDE : (i + 1) * WIDE] = 0.0
+        for j in range(first):
+            for a in range(plan[MOTION]):
+                S[i * WIDE + j] += H[source, a] * S[a * WIDE + j]
+
+
+@kernel()
 def drop(plan, state, epoch, tape):
     """Forget the clone of an epoch; the state shrinks when no clone beyond it lives."""
     fixed, active = plan[MOTION] + plan[NUISANCES_N], plan[MOTION] + plan[NUISANCES_N]
@@ -138,7 +171,9 @@ def drop(plan, state, epoch, tape):
                 note_drop(first, int(state[ACTIVE]), tape)
             for i in range(first, first + CLONE_ERROR):
                 for j in range(plan[ERROR]):
-                    P[i * WIDE + j] = P[j * WIDE + i] = 0.0
+                    P[i * WIDE + j] = 0.0
+                    if plan[ROOT] == 0:
+                        P[j * WIDE + i] = 0.0
         elif not math.isnan(state[CLONE_TIME + c]):
             active = first + CLONE_ERROR
     state[ACTIVE] = active
@@ -204,13 +239,15 @@ def look(plan, params, state, channel, row, work, points, V, N, Z, R, Hv, Hn, ta
         return verdict
     at = CHANNEL + CHANNEL_SIZE * channel
     k = call_points(plan[POINTS_AT], plan, params, state, channel, row, work, points, V, N)
-    Hv[:] = 0.0
-    Hn[:] = 0.0
-    R[:] = 0.0
     verdict = USED if k > 0 else NO_CLONE
     p = params[plan[at + PARAMS] : plan[at + PARAMS_END]]
-    for i in range(k):
-        verdict = max(verdict, call_sensor(plan[at + SENSOR_AT], V[i], N[i], row, p, Z[i], R, Hv, Hn))
+    for i in range(k - 1, -1, -1):  # the estimate itself comes last: Jacobians and noise are those at it
+        Hv[:] = 0.0
+        Hn[:] = 0.0
+        R[:] = 0.0
+        verdict = call_sensor(plan[at + SENSOR_AT], V[i], N[i], row, p, Z[i], R, Hv, Hn)
+        if verdict != USED:
+            Z[i, 0] = math.nan
     if verdict == USED:
         verdict = call_update(plan[UPDATE_AT], plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, result)
     remember(plan, state, channel, verdict)
@@ -225,6 +262,8 @@ def put_out(plan, params, state, time, index, scratch, view, work, points, tape,
         lay_aside(n, tape)
     scratch[:] = state
     advance(plan, params, scratch, time, work, points, tape)
+    if plan[SETTLE_AT] != 0:
+        call_settle(plan[SETTLE_AT], plan, params, scratch, work)
     write_output(plan, params, scratch, view, work, points, out)
     if tape.shape[0] > 0:
         note_output(index, n, scratch, tape)
@@ -246,7 +285,9 @@ def run(
             continue
         advance(plan, params, state, time[e], work, points, tape)
         if kind[e] == IS_INPUT:
-            state[INPUT : INPUT + row.shape[0]] = row
+            for i in range(row.shape[0]):
+                if row[i] == row[i]:  # what is no number leaves its place as it is
+                    state[INPUT + i] = row[i]
         elif kind[e] == IS_CLONE:
             clone(plan, params, state, V[0], points, tape)
         elif kind[e] == IS_DROP:

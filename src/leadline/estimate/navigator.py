@@ -24,7 +24,7 @@ from leadline.estimate.events import Batch, Event, Events, Integers, Screen, mea
 from leadline.estimate.output import Reference, solution_of
 from leadline.estimate.run import Results, Runner
 from leadline.estimate.window import Window
-from leadline.models.layout import TIME
+from leadline.models.layout import INPUTS, TIME
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -79,7 +79,7 @@ class Navigator:
         twice = [s.flight for s in composition.sensors if any(channel.epochs == 2 for channel in s.channels)]
         self.flight = max(twice, default=0.0)  # a late row may look so far back behind its own time (s)
         self.rows = dict.fromkeys(self._sensors, 0)  # seen so far, by sensor
-        widest = max([at_least for s in composition.slots for at_least in (s.channel.row_length + s.channel.epochs - 1,)] + [16])
+        widest = max([at_least for s in composition.slots for at_least in (s.channel.row_length + s.channel.epochs - 1,)] + [INPUTS])
         self.events = Window(tuple(self._sensors), widest)
         self.done = 0  # how many of them are in the state
         self.checkpoints: list[Checkpoint] = []
@@ -90,6 +90,12 @@ class Navigator:
         self.recent: dict[str, Table] = {}  # rows of sensors that must see some of those before
         self.trimmed = False  # whether anything has left the window
         self.on_final: Callable[[Window, int], None] | None = None
+
+    @property
+    def fed(self) -> frozenset[str]:
+        """The sensors whose rows are input and nothing else: those that are used leave no entry of their own."""
+        own = self.inputs.names if self.inputs is not None else ()
+        return frozenset(own) | {s.config.name for s in self.composition.sensors if s.feed is not None and not s.channels}
 
     @property
     def time(self) -> float:
@@ -195,7 +201,8 @@ class Navigator:
     def withdraw(self, time: float) -> None:
         """Take the inputs from a time on out of the stream."""
         events, count = self.events, len(self.events)
-        places = np.flatnonzero((events.kind[:count] == at.IS_INPUT) & (events.time[:count] >= time))
+        mine = (events.kind[:count] == at.IS_INPUT) & (events.source[:count] < 0)
+        places = np.flatnonzero(mine & (events.time[:count] >= time))
         if len(places):
             self._rewind(int(places[0]))
             events.delete(places)
@@ -267,7 +274,7 @@ class Navigator:
         events = self.events
         if self.on_final is not None:
             self.on_final(events, cut)
-        final = [(events.name(i), int(events.row[i])) for i in np.flatnonzero(events.kind[:cut] >= 0).tolist()]
+        final = [(events.name(i), int(events.row[i])) for i in np.flatnonzero(events.source[:cut] >= 0).tolist()]
         while self.turned_away and self.turned_away[0][0] < self.time - self.window:
             final.append(self.turned_away.popleft()[1])
         for key in final:

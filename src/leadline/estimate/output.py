@@ -10,7 +10,7 @@ import numpy as np
 from leadline.core import attitude, geodesy
 from leadline.data.solution import Estimate, Innovations, Solution, Status
 from leadline.estimate import plan as at
-from leadline.models.sensor import AXES
+from leadline.models.nuisance import AXES
 from leadline.models.view import HEIGHT_V, PLACE_V, QUATERNION_V, RATE_V, RATE_VARIANCE_V, VELOCITY_V, VIEW_SIZE
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from leadline.estimate.composition import Composition
     from leadline.models.sensor import Context
 
+POSE_PARTS = ("position", "velocity", "attitude")  # parts of the motion that a solution holds anyway
 UPPER = np.triu_indices(9)
 EMPTY = Innovations(*(np.zeros(0, kind) for kind in ("U1", int, int, float, float, "U1", float, float, float, int, float, bool, int)))
 
@@ -151,11 +152,11 @@ def estimates(composition: Composition, output: Array) -> dict[str, Estimate]:
     """Return every estimated state beyond position, velocity and attitude, by name."""
     layout, found = composition.layout, {}
     x, variances = at.OUT_X, at.OUT_X + layout.motion_nominal + len(layout.nuisances)
-    for part in layout.motion[3:]:
+    for part in (p for p in layout.motion if p.name not in POSE_PARTS):
         nominal, error = layout.nominal_of(part.name), layout.error_of(part.name)
         for i, axis in enumerate(AXES[part.size]):
             sigma = np.sqrt(np.maximum(output[:, variances + error.start + i], 0.0))
-            name = f"{part.name if '.' in part.name else f'{composition.process.consumes}.{part.name}'}{axis}"
+            name = f"{part.name if '.' in part.name else f'{composition.process.consumes or composition.process.name}.{part.name}'}{axis}"
             found[name] = Estimate(output[:, x + nominal.start + i], sigma, part.unit, part.frame)
     for i, nuisance in enumerate(layout.nuisances):
         sigma = np.sqrt(np.maximum(output[:, variances + layout.motion_error + i], 0.0))

@@ -5,9 +5,13 @@ from leadline.models.layout import LAYOUT_END
 from leadline.models.view import VIEW_SIZE
 
 # Addresses of machine code, and ranges in `params`; FIELDS: how many nuisances change with the distance travelled.
-STEP_AT, PUSH_AT, NOISE_AT, VIEW_AT, PULL_AT, PROPAGATE_AT, POINTS_AT, UPDATE_AT = range(LAYOUT_END, LAYOUT_END + 8)
-MOTION_PARAMS, MOTION_END, DECAY_PARAMS, LONGEST_STEP, FIELDS = range(LAYOUT_END + 8, LAYOUT_END + 13)
-CHANNEL, CHANNEL_SIZE = LAYOUT_END + 13, SLOT_NUISANCE + NUISANCES
+# SETTLE_AT is 0 where an estimator has nothing to settle; ROOT: whether the covariance's place holds its root; ESTIMATOR: its parameters.
+STEP_AT, PUSH_AT, NOISE_AT, VIEW_AT, PULL_AT, PROPAGATE_AT, POINTS_AT, UPDATE_AT, SETTLE_AT = range(LAYOUT_END, LAYOUT_END + 9)
+MOTION_PARAMS, MOTION_END, DECAY_PARAMS, LONGEST_STEP, FIELDS, ROOT, ESTIMATOR = range(LAYOUT_END + 9, LAYOUT_END + 16)
+CHANNEL, CHANNEL_SIZE = LAYOUT_END + 16, SLOT_NUISANCE + NUISANCES
+
+# Parameters that every estimator has: whether noise of measurements and of the motion is learnt, and over how many measurements.
+ADAPT_R, ADAPT_Q, MEMORY_E, OWN_E = range(4)  # then its own
 
 # Parameters of each nuisance, from DECAY_PARAMS on: decay and driving variance per second, and per metre travelled; what it decays to.
 DECAY, DENSITY, DECAY_PER_METRE, DENSITY_PER_METRE, MEAN, DECAY_SIZE = range(6)

@@ -40,9 +40,9 @@ def _looked(composition: Composition, work: Workspace, state: Array, slot: int, 
     work.Hv[:], work.Hn[:], work.R[:] = 0.0, 0.0, 0.0
     own = row[: channel.row_length]
     c = len(channel.components)
-    for i in range(k):
+    for i in range(k - 1, -1, -1):  # the estimate itself comes last: the noise is that at it
         work.Z[i, :c], work.R[:c, :c] = checked(ask(channel, work.V[i], work.N[i], own), c, composition.slots[slot].sensor)
-    if not (np.isfinite(work.Z[:k, :c]).all() and np.isfinite(work.R[:c, :c]).all()):
+    if not (np.isfinite(work.Z[0, :c]).all() and np.isfinite(work.R[:c, :c]).all()):
         return int(Outcome.INVALID)
     work.Hv[:c, : TANGENT * channel.epochs], work.Hn[:c, : len(channel.nuisances)] = jacobians(channel, work.V[0], work.N[0], own)
     arrays = (work.Z, work.R, work.Hv, work.Hn, work.work, work.points, work.tape, result)

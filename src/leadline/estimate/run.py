@@ -42,7 +42,8 @@ class Runner:
 
     def __init__(self, composition: Composition) -> None:
         """Allocate for a composition."""
-        self.composition, self.workspace = composition, Workspace(composition.layout)
+        self.composition = composition
+        self.workspace = Workspace(composition.layout, composition.estimator.count(composition.layout))
 
     def run(self, state: Array, events: Events, results: Results, first: int = 0, last: int | None = None) -> None:
         """Consume the events first .. last-1 in place of `state`, and fill in their results."""

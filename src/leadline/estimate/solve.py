@@ -71,6 +71,7 @@ def solve(
     vehicle: Vehicle,
     *,
     estimator: str = "ekf",
+    process: str | None = None,
     rate: float = DEFAULT_RATE,
     times: Array | None = None,
     end: float | None = None,
@@ -80,6 +81,7 @@ def solve(
 ) -> Solution:
     """Navigate a whole log, every measurement at its time of validity.
 
+    estimator: a name with settings, as "ukf:alpha=0.5" (estimate/estimators.py); process: a process model in place of the vehicle's.
     rate (Hz) or `times` (s, from the log's epoch) say when states are wanted, `at` of which named point or sensor of the vehicle:
     asking for more changes no estimate.  With `smooth` each state is by all data, before and after it, and rows are judged once more,
     each against all others.  `progress` is called with the fraction done.  Raises InputError for what cannot be run: a missing
@@ -88,7 +90,10 @@ def solve(
     for value, kind, right in ((log, Log, "leadline.read_log(path)"), (vehicle, Vehicle, "leadline.read_vehicle(path)")):
         if not isinstance(value, kind):
             raise InputError("solve", f"was given a {type(value).__name__} for the {kind.__name__.lower()}", f"give {right}")
+    vehicle = vehicle if process is None else vehicle.moved_by(process)
     navigator, begun, _ = navigator_for(log, vehicle, estimator=estimator)
+    if smooth and not navigator.composition.estimator.smooths:
+        raise InputError("smooth", f"'{estimator}' cannot be smoothed", "take a Gaussian estimator (ekf, ukf)")
     look_at(navigator, vehicle, at)
     stream = stream_of(log, vehicle, navigator, rate=rate, times=times, end=end)
     told = progress or (lambda _: None)
@@ -99,7 +104,12 @@ def solve(
     solution = passage.track.solution()
     innovations = innovations_of(log, vehicle, passage.looked, stream.outcome)
     status = status_of(begun, vehicle, solution, np.concatenate(passage.bounded))
-    summary = {**summary_of(log, vehicle, estimator, solution, innovations), "smoothed": smooth, **found, **inertial_spans(stream.spans)}
+    summary = {
+        **summary_of(log, vehicle, estimator, solution, innovations, navigator.fed),
+        "smoothed": smooth,
+        **found,
+        **inertial_spans(stream.spans),
+    }
     summary |= clock_steps(stream.clocks, stream.end)
     return replace(solution, innovations=innovations, status=status, summary=summary)
 

@@ -130,9 +130,13 @@ def _time(source: Source) -> float:
     if source.log.initial.time is not None:
         return source.log.initial.time
     imu = _imu(source)
-    if imu is None:
-        raise InputError(source.where, "says no time, and there is no inertial row to start from", "add time_s, or inertial data")
-    return float(np.nanmin(imu.time))
+    if imu is not None:
+        return float(np.nanmin(imu.time))
+    tables = [source.log.tables[s.config.name] for s in source.sensors if s.config.name in source.log.tables]
+    first = [float(np.min(t.time, initial=np.inf, where=np.isfinite(t.time))) for t in tables]
+    if not np.isfinite(min(first, default=np.inf)):
+        raise InputError(source.where, "says no time, and there is no row to start from", "add time_s, or a table")
+    return min(first)
 
 
 def _tilt(source: Source, time: float) -> tuple[float, float, float]:

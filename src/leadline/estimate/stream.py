@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 DEFAULT_RATE = 10.0
 MOST_STATES = 3_000_000
 STRETCH = 60.0  # s of events that are put in order at a time
+ALONE = 60.0  # s
+NONE_MADE = Made(np.zeros(0), np.zeros((0, INPUT_SIZE)))
 LONGEST_INTERVAL = 600.0  # s: an input in force at the start began no longer ago
 
 
@@ -88,13 +90,14 @@ def stream_of(
     Raises InputError where the log has no input that covers the run, and where a moment lies outside it.
     """
     start = navigator.start
-    inputs, outcome, covered, spans, clocks = inputs_of(log, vehicle)
+    inputs, outcome, covered, spans, clocks = inputs_of(log, vehicle, navigator)
+    what = "the last row" if navigator.inputs is None else "the last inertial row"
     if end is not None and end > covered:
-        raise InputError("end", f"{end} s lies after the last inertial row", f"at most {covered} s")
+        raise InputError("end", f"{end} s lies after {what}", f"at most {covered} s")
     last = covered if end is None else end
     if last <= start:
         where = f"{log.path or log.name}: [initial] time_s"
-        raise InputError(where, f"{start} lies after the last inertial row at {last}", "start earlier")
+        raise InputError(where, f"{start} lies after {what} at {last}", "start earlier")
     before = inputs.between(start - LONGEST_INTERVAL, start)[0]
     first_input = float(before[-1]) if len(before) else start
     spans = tuple(replace(s, start=max(s.start, start), end=min(s.end, last)) for s in spans if s.end > start and s.start < last)
@@ -106,13 +109,35 @@ def stream_of(
         table, aside = clocks[name].take(log[name])
         found, outcome[name] = measurements(sensor, slot, table, screen, start, last)
         outcome[name][aside] = int(Outcome.CLOCK_JUMP)
-        batches += found
+        batches += found if vehicle.process.sync is None else at_ticks(found, vehicle.process.sync, last, outcome[name])
     moments = output_times(start, last, rate) if times is None else np.sort(np.asarray(times, float))
     if not len(moments) or not (moments[0] >= start and moments[-1] <= last):
         found_times = f"{moments[0]} to {moments[-1]} s" if len(moments) else "none"
         raise InputError("times", found_times, f"the run is from {start} to {last} s")
     batches.append(Batch(at.IS_OUTPUT, moments, np.zeros((len(moments), 0))))
     return Stream([_sorted(batch) for batch in agreed(batches)], inputs, first_input, outcome, moments, start, last, spans, clocks)
+
+
+def at_ticks(batches: Sequence[Batch], tick: float, last: float, outcome: Integers) -> list[Batch]:
+    """Return the events of a sensor with measurements put off to the next multiple of `tick` (s), the newest of each channel alone.
+
+    What is left out is told in `outcome` (n,), of the table's rows.  Raises InputError for rows that look at an earlier pose as well.
+    """
+    if any(batch.kind == at.IS_CLONE for batch in batches):
+        found = f"{tick} s, with a sensor that looks at an earlier pose"
+        raise InputError("process.sync_s", found, "leave that sensor out, or take rows at their times")
+    moved, used = [], np.zeros(len(outcome), bool)
+    for batch in map(_sorted, batches):
+        if batch.kind < 0:
+            moved.append(batch)
+            used[batch.row] = True
+            continue
+        when = np.ceil(batch.time / tick - 1e-9) * tick
+        newest = (np.append(np.diff(when), 1.0) > 0.0) & (when <= last)
+        moved.append(replace(batch, time=when[newest], data=batch.data[newest], row=batch.row[newest]))
+        used[batch.row[newest]] = True
+    outcome[(outcome == Outcome.USED) & ~used] = int(Outcome.DECIMATED)
+    return moved
 
 
 def _sorted(batch: Batch) -> Batch:
@@ -127,7 +152,8 @@ def _sorted(batch: Batch) -> Batch:
 class Inertial(NamedTuple):
     """The inputs of the inertial units of a log, with the outcome of each of their rows, by unit.
 
-    covered: the time (s) up to which inputs reach.  spans: where the first unit was silent.  clocks: of their stamps.
+    covered: the time (s) up to which inputs reach; where no unit drives the process model, up to which rows do.  spans: where the first
+    unit was silent.  clocks: of their stamps.
     """
 
     inputs: Made | Conditioned
@@ -153,11 +179,13 @@ class UnitRows(NamedTuple):
         return placed
 
 
-def inputs_of(log: Log, vehicle: Vehicle) -> Inertial:
-    """Return the inputs of the inertial units of a log.
+def inputs_of(log: Log, vehicle: Vehicle, navigator: Navigator) -> Inertial:
+    """Return the inputs of the inertial units of a log, where such drive the process model.
 
     A last row beyond a gap has no neighbour to confirm its time: it is invalid, or one wrong stamp would lead the run astray.
     """
+    if navigator.inputs is None:
+        return Inertial(NONE_MADE, {}, _reach(log, navigator), (), {})
     imu, standby = vehicle[vehicle.process.imu], vehicle.process.standby
     if standby is not None and standby in log.tables:
         return _of_two(log, vehicle, Inputs.of(imu, vehicle[standby]), vehicle[standby])
@@ -166,6 +194,22 @@ def inputs_of(log: Log, vehicle: Vehicle) -> Inertial:
     inputs = Conditioned(stream, rows.table)
     spans = tuple(Span("gap", imu.name, a, b) for a, b in inputs.gaps)
     return Inertial(inputs, {imu.name: rows.placed(inputs.outcome)}, inputs.covered, spans, {imu.name: rows.clock})
+
+
+def _reach(log: Log, navigator: Navigator) -> float:
+    """The time (s) of the last row of any sensor, as its clock was put right; one that stands alone beyond a gap does not count."""
+    times = [np.zeros(0)]
+    for sensor in navigator.composition.sensors:
+        if sensor.config.name in log.tables:
+            table, aside = Clock(sensor.config.mend_clock).take(log[sensor.config.name])
+            times.append((table.time - sensor.config.latency)[~aside])
+    known = np.concatenate(times)
+    known = np.sort(known[np.isfinite(known)])
+    while len(known) > 1 and known[-1] - known[-2] > ALONE:
+        known = known[:-1]
+    if not len(known):
+        raise InputError(f"{log.path or log.name}", "has no row of a sensor that the vehicle file names", "give at least one table")
+    return float(known[-1])
 
 
 def _of_two(log: Log, vehicle: Vehicle, inputs: Inputs, standby: SensorConfig) -> Inertial:

@@ -55,6 +55,18 @@ def rewind(tape):
 
 
 @kernel()
+def decay_rows(plan, params, nm, nc, dt, speed, columns, phi):
+    """Let the rows of nuisances decay."""
+    for k in range(nc):
+        at = plan[DECAY_PARAMS] + DECAY_SIZE * k
+        rate = params[at + DECAY] + speed * params[at + DECAY_PER_METRE]
+        if rate != 0.0:
+            beta = math.exp(-rate * dt)
+            for j in range(columns):
+                phi[(nm + k) * WIDE + j] *= beta
+
+
+@kernel()
 def push_transition(plan, params, m, dt, speed, n, tape):
     """Phi <- Phi_step Phi, with the memory that the process model's step has left."""
     nm, nc = plan[MOTION], plan[NUISANCES_N]
@@ -64,13 +76,25 @@ def push_transition(plan, params, m, dt, speed, n, tape):
     for i in range(nm):
         for j in range(w):
             phi[i * WIDE + j] = moved[i * WIDE + j]
-    for k in range(nc):
-        at = plan[DECAY_PARAMS] + DECAY_SIZE * k
-        rate = params[at + DECAY] + speed * params[at + DECAY_PER_METRE]
-        if rate != 0.0:
-            beta = math.exp(-rate * dt)
-            for j in range(w):
-                phi[(nm + k) * WIDE + j] *= beta
+    decay_rows(plan, params, nm, nc, dt, speed, w, phi)
+    tape[MOVED] = 1.0
+
+
+@kernel()
+def decay_transition(plan, params, slope, dt, speed, n, tape):
+    """Phi <- Phi_step Phi, with the motion's transition given (rows of WIDE numbers)."""
+    nm, nc = plan[MOTION], plan[NUISANCES_N]
+    phi, moved = tape[PHI:], tape[SCRATCH:]
+    for i in range(nm):
+        for j in range(n):
+            s = 0.0
+            for k in range(nm):
+                s += slope[i * WIDE + k] * phi[k * WIDE + j]
+            moved[i * WIDE + j] = s
+    for i in range(nm):
+        for j in range(n):
+            phi[i * WIDE + j] = moved[i * WIDE + j]
+    decay_rows(plan, params, nm, nc, dt, speed, n, phi)
     tape[MOVED] = 1.0
 
 

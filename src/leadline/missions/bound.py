@@ -22,7 +22,8 @@ from leadline.estimate import plan as at
 from leadline.estimate.assembly import navigator_for
 from leadline.estimate.output import shifted
 from leadline.estimate.stream import stream_of
-from leadline.models.layout import INPUTS
+from leadline.models.layout import INPUTS, NOW_U
+from leadline.models.process import Pose
 from leadline.models.view import RATE_T, RATE_VARIANCE_V, TANGENT, VIEW_SIZE
 from leadline.simulate.dive import StartSigmas, initial
 from leadline.simulate.instruments import Dvl
@@ -83,13 +84,13 @@ def bound_of(recorder: Recorder, vehicle: Vehicle, times: Array) -> Array:
     log = ideal_log(recorder)
     navigator, _, context = navigator_for(log, vehicle)
     stream = stream_of(log, vehicle, navigator, times=times)
-    walk = Walk(navigator.composition, recorder.trajectory, vehicle[vehicle.process.imu].lever_arm_b, navigator.state.copy())
+    walk = Walk(navigator.composition, recorder.trajectory, navigator.state.copy())
     layout = navigator.composition.layout
     covariance = navigator.state[layout.covariance].reshape(-1, WIDE)[: layout.fixed, : layout.fixed].copy()
     reached, views = [], []
-    for steps, view in walk.legs(stream.events):
+    for steps, view, pose in walk.legs(stream.events):
         covariance = bound(covariance, steps)[-1]
-        reached.append(covariance[:9, :9])
+        reached.append(pose @ covariance @ pose.T)
         views.append(view)
     return shifted(np.array(views), np.array(reached), -context.reference_b)[5]
 
@@ -100,7 +101,6 @@ class Walk:
 
     composition: Composition
     trajectory: Trajectory
-    lever_arm_b: Array  # of the process model's reference point
     state: Array
     u: Array = field(default_factory=lambda: np.zeros(INPUTS))
     memory: Array = field(default_factory=lambda: np.zeros(WIDE * WIDE))
@@ -120,17 +120,17 @@ class Walk:
     def _fresh(self) -> None:
         self.transition, self.noise = np.eye(WIDE), np.zeros((WIDE, WIDE))
 
-    def legs(self, events: Any) -> Iterator[tuple[list[Step], Array]]:
-        """Yield for each output the steps of the recursion since the output before, and the view at it."""
+    def legs(self, events: Any) -> Iterator[tuple[list[Step], Array, Array]]:
+        """Yield for each output the steps of the recursion since the output before, the view at it, and its Jacobian (9, n)."""
         steps: list[Step] = []
         for e in range(len(events)):
             kind, row = int(events.kind[e]), events.data[events.start[e] : events.stop[e]]
             self._advance(float(events.time[e]))
             if kind == at.IS_INPUT:
-                self.u[: len(row)] = row
+                self.u[: len(row)] = np.where(np.isnan(row), self.u[: len(row)], row)
             elif kind == at.IS_OUTPUT:
                 steps.append(self._step([]))
-                yield steps, self._view()
+                yield steps, *self._pose()
                 steps = []
             elif kind >= 0:
                 steps.append(self._step([self._look(kind, row)]))
@@ -140,8 +140,10 @@ class Walk:
     def _advance(self, time: float) -> None:
         while self.time < time:
             dt = min(time - self.time, self.longest)
+            self.u[NOW_U] = self.time
             self._move(dt)
             self.time = time if time - self.time <= self.longest else self.time + dt
+        self.u[NOW_U] = self.time
         if self.time >= self.anchored + ANCHOR:
             self._anchor()
 
@@ -175,6 +177,14 @@ class Walk:
         self.composition.process.view(self.x, self.u, self.composition.process.parameters, view)
         return view
 
+    def _pose(self) -> tuple[Array, Array]:
+        """The view, and the Jacobian (9, n) of its position, velocity and attitude."""
+        view, process = self._view(), self.composition.process
+        unit, jacobian = np.zeros((9, 2 * TANGENT)), np.zeros((9, WIDE))
+        unit[:, :9] = np.eye(9)
+        process.pull(self.x, self.u, process.parameters, view, unit, jacobian, 9)
+        return view, jacobian[:, : self.n]
+
     def _look(self, kind: int, row: Array) -> tuple[Array, Array]:
         """Jacobian (c, n) and covariance (c, c) of a channel at the truth."""
         channel, process, layout = self.composition.slots[kind].channel, self.composition.process, self.composition.layout
@@ -194,14 +204,22 @@ class Walk:
         return jacobian[:count, : self.n], noise[:count, :count]
 
     def _anchor(self) -> None:
-        """Bring place, velocity and attitude back to the truth, in the navigation frame as it has wandered by now."""
-        layout = self.composition.layout
-        part: Kinematics = self.trajectory.at(self.time).point(self.lever_arm_b)
-        latitude, longitude, height = (v[0] for v in part.geodetic)
+        """Bring the motion back to the truth, in the navigation frame as it has wandered by now."""
+        layout, process = self.composition.layout, self.composition.process
+        part: Kinematics = self.trajectory.at(self.time).point(process.reference_b)
+        latitude, longitude, height = (float(v[0]) for v in part.geodetic)
         place = matrix_from_quaternion(self.x[layout.nominal_of("position")][:4])
         wander = np.arctan2(-place[2, 1], place[2, 0])
         rotation = rotation_en(latitude, longitude) @ matrix_from_euler(0.0, 0.0, wander)
-        self.x[layout.nominal_of("position")] = *quaternion_from_matrix(rotation), height
-        self.x[layout.nominal_of("velocity")] = rotation.T @ part.velocity_e[0]
-        self.x[layout.nominal_of("attitude")] = quaternion_from_matrix(rotation.T @ part.rotation_eb[0])
+        self.x[:] = process.begin(
+            Pose(
+                quaternion_from_matrix(rotation),
+                height,
+                rotation.T @ part.velocity_e[0],
+                quaternion_from_matrix(rotation.T @ part.rotation_eb[0]),
+                part.rate_eb_b[0],
+                np.zeros((9, 9)),
+                self.time,
+            )
+        )[0]
         self.anchored = self.time

@@ -21,7 +21,7 @@ from leadline.formats.solution import fill_folder
 from leadline.formats.table import read_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from leadline.data.log import Log
@@ -42,6 +42,7 @@ class Run:
     """
 
     estimator: str = "ekf"
+    process: str | None = None
     rate: float = DEFAULT_RATE
     times: Path | None = None
     at: str | None = None
@@ -77,7 +78,8 @@ class Run:
 
     def solve(self, log: Log, vehicle: Vehicle, progress: Callable[[float], None] | None) -> Solution:
         """Solve a log."""
-        wanted: dict[str, Any] = {"rate": self.rate, "end": self.until, "at": self.at, "progress": progress, "estimator": self.estimator}
+        wanted: dict[str, Any] = {"rate": self.rate, "end": self.until, "at": self.at, "progress": progress}
+        wanted |= {"estimator": self.estimator, "process": self.process}
         if self.times is not None:
             wanted["times"] = read_times(self.times)
         if self.as_live:
@@ -117,21 +119,25 @@ def solve_dive(
     problems = problems_of(log)
     for problem in problems:
         tell(problem)
-    solution = run.solve(log, vehicle, progress)
-    truth = log.truth if run.at is None else None  # truth is of the body origin
-    assessment = assess(solution, truth)
+    solution, assessment = judged(run.solve(log, vehicle, progress), log, problems, at=run.at)
+    truth = log.truth if run.at is None else None
+    write_result(solution, assessment, out, truth=truth, csv=csv, report=report)
+    return solution, assessment
+
+
+def judged(solution: Solution, log: Log, problems: Sequence[str] = (), *, at: str | None = None) -> tuple[Solution, Assessment]:
+    """Return a solution with what was found written into its summary, and its assessment; truth is of the body origin, not of `at`."""
+    assessment = assess(solution, log.truth if at is None else None)
     happened = sorted([*assessment.happenings, *arrivals(solution, log)], key=lambda happening: happening.start)
     assessment = replace(assessment, happenings=tuple(happened))
     found = {
-        **({} if run.at is None else {"at": run.at}),
+        **({} if at is None else {"at": at}),
         "distance_m": assessment.distance,
-        "problems": problems,
+        "problems": list(problems),
         "verdict": verdict_of(assessment),
     }
     found |= {"happenings": [asdict(happening) for happening in assessment.happenings]}
-    solution = replace(solution, summary={**solution.summary, **found})
-    write_result(solution, assessment, out, truth=truth, csv=csv, report=report)
-    return solution, assessment
+    return replace(solution, summary={**solution.summary, **found}), assessment
 
 
 def verdict_of(assessment: Assessment) -> dict[str, Any]:

@@ -55,7 +55,10 @@ OF_KIND: Mapping[str, Units] = {
         "sigma": "ut", "quantum": "ut", "limit": "ut",
     },
     "attitude": {"sigma": "deg", "bias": "deg", "tilt_gain": PLAIN, "tilt_tau": "s", "quantum": "deg"},
-    "heading": {"sigma": "deg", "bias": "deg", "swing": "deg", "sigma_swing": "deg", "tilt_gain": PLAIN, "tilt_tau": "s", "quantum": "deg"},
+    "heading": {
+        "sigma": "deg", "bias": "deg", "swing": "deg", "sigma_swing": "deg", "drift_rate": "deg_per_h", "sigma_drift_rate": "deg_per_h",
+        "tilt_gain": PLAIN, "tilt_tau": "s", "quantum": "deg",
+    },
     "yaw_rate": {
         "earth_removed": PLAIN, "lag": "s", "scale": "percent", "sigma_scale": "percent", "sigma": "degps", "bias": "deg_per_h",
         "quantum": "degps", "limit": "degps",
@@ -122,7 +125,7 @@ BOUNDS: Mapping[Span, str] = {  # in the unit of the key; of names that begin wi
     SHARE: "loss dropout beam_loss outlier_fraction echo_fraction lapse wash tilt_gain",
     ANY: """
         stop stamp_offset stamp_drift clock_offset clock_drift lever_arm_b mounting_bs transponder_b scale constant g_sensitivity hard_iron
-        soft_iron motor_coupling swing azimuths max_depth mean depth snr""",
+        soft_iron motor_coupling swing drift_rate azimuths max_depth mean depth snr""",
     (1e-5, 2000.0): "rate", (5e-4, HUGE): "interval_min interval_max", (1000.0, 2000.0): "sound_speed", (500.0, 2000.0): "density",
     (1.0, 89.0): "tilt", (1, 4096): "beams", (1, 20): "peaks", (0.0, 359.0): "swath", (4.0, 100.0): "satellites",
 }  # fmt: skip

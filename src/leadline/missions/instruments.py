@@ -314,6 +314,7 @@ def _shifted(drift: Drift, offset: float) -> Drift:
 
 def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Heading:
     offset, swing = _angles(config.rotation_bs)[2] - _declination(config, around), _prior(config, "swing")
+    drift, sigma_drift = _constant(config, "drift")
     if not np.isinf(swing.tau) or swing.walk:
         raise InputError(f"sensors.{config.name}.nuisance.swing", "wanders", "a value and a sigma: the simulator draws a constant")
     return simulated.Heading(
@@ -322,6 +323,8 @@ def _heading(config: SensorConfig, rate: float, around: Around) -> simulated.Hea
         bias=_shifted(_drift(config, "bias"), offset),
         swing=tuple(map(float, swing.value * np.ones(4))),
         sigma_swing=tuple(map(float, swing.sigma * np.ones(4))),
+        drift_rate=float(drift[0]),
+        sigma_drift_rate=sigma_drift,
         date=_date(config, around),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from leadline.core.geodesy import from_north_east, north_east
 from leadline.data.errors import InputError, suggestion
+from leadline.data.hull import read_hull
 from leadline.data.log import Beacon
 from leadline.data.vehicle import DEGREE, read_vehicle, si
 from leadline.data.vehicle_keys import checked
@@ -19,7 +20,6 @@ from leadline.missions.equipment import added, carried
 from leadline.missions.fault_keys import faults_of
 from leadline.missions.sea_of import Sea, sea_of
 from leadline.simulate.dive import StartSigmas
-from leadline.simulate.hull import read_hull
 from leadline.simulate.platforms import Moving, Steady
 from leadline.simulate.platforms import Waves as Sway
 from leadline.simulate.platforms import Waypoints as Track
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from datetime import datetime
 
+    from leadline.data.hull import Hull
     from leadline.data.vehicle import Vehicle
     from leadline.simulate.faults import Fault
-    from leadline.simulate.hull import Hull
     from leadline.simulate.routes import Leg
 
 

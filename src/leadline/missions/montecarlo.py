@@ -107,22 +107,34 @@ class Study:
         return [interval_of_rmse_ratio(scaled[:, :, axis], np.ones(scaled.shape[:2])) for axis in range(scaled.shape[2])]
 
     def nees(self, block: str) -> Array:
-        """Return the mean over runs of the NEES of a block at each time (times,)."""
-        return np.asarray(np.mean(np.sum(self.whitened[block] ** 2, axis=2), axis=0))
+        """Return the mean over runs of the NEES of a block at each time (times,); nan where it is not defined in any."""
+        nees = np.sum(self.whitened[block] ** 2, axis=2)
+        known = np.isfinite(nees)
+        count = known.sum(axis=0)
+        return np.asarray(np.sum(np.where(known, nees, 0.0), axis=0) / np.where(count > 0, count, np.nan))
 
     def in_band(self, block: str, probability: float = 0.95) -> Interval:
         """Return the fraction of times at which the mean NEES lies in its two-sided band of a probability, with its interval.
 
-        Times that are correlated count as fewer: as many as the NEES of one run is worth.
+        Times that are correlated count as fewer: as many as the NEES of one run is worth.  Times at which it is not defined do not count.
         """
+        low, high = self.band(block, probability)
+        nees = self.nees(block)
+        known = np.isfinite(nees)
+        if not known.any():
+            return Interval()
+        inside = float(np.mean((low[known] <= nees[known]) & (nees[known] <= high[known])))
+        effective = max(1, round(min(self.evidence_of(block).effective / len(self.seeds), known.sum())))
+        return replace(interval_of_fraction(round(inside * effective), effective), estimate=inside)
+
+    def band(self, block: str, probability: float = 0.95) -> tuple[Array, Array]:
+        """Return the two ends (times,) between which the mean NEES of a block lies with a probability where the covariance is right."""
         from scipy.special import gammaincinv
 
-        runs, times, dof = self.whitened[block].shape
-        low, high = 2.0 * gammaincinv(0.5 * runs * dof, [0.5 - probability / 2, 0.5 + probability / 2]) / runs
-        nees = self.nees(block)
-        inside = float(np.mean((low <= nees) & (nees <= high)))
-        effective = max(1, round(min(self.evidence_of(block).effective / runs, times)))
-        return replace(interval_of_fraction(round(inside * effective), effective), estimate=inside)
+        z = self.whitened[block]
+        count, dof = np.maximum(np.isfinite(z).all(axis=2).sum(axis=0), 1), z.shape[2]
+        low, high = (2.0 * gammaincinv(0.5 * count * dof, 0.5 + side * probability / 2) / count for side in (-1.0, 1.0))
+        return low, high
 
     def evidence_of(self, block: str) -> NeesEvidence:
         """Return the evidence of the errors of a block over all runs and times.
@@ -132,7 +144,8 @@ class Study:
         and are taken as `nees_evidence` takes them.
         """
         found = nees_evidence(self.whitened[block], block)
-        means = np.mean(np.sum(self.whitened[block] ** 2, axis=2), axis=1)
+        nees = np.sum(self.whitened[block] ** 2, axis=2)
+        means = np.array([run[known].mean() for run in nees if (known := np.isfinite(run)).any()])
         if len(means) < FEWEST:
             return found
         return replace(found, effective=len(means) * 2.0 * found.mean**2 / (found.dof * float(np.var(means, ddof=1))))

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from leadline.calibrate.hull_text import fragment
 from leadline.calibrate.vehicle import VehicleCalibration, calibrate_vehicle
 from leadline.data.errors import InputError
+from leadline.data.hull import FOLDER, hulls, read_hull
 from leadline.data.vehicle import read_vehicle
 from leadline.formats.atomic import new_file
 from leadline.formats.folder import read_log
 from leadline.formats.solution import read_solution
-from leadline.simulate.hull import FOLDER, hulls, read_hull
 
 if TYPE_CHECKING:
     from collections.abc import Callable

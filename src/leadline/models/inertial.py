@@ -17,6 +17,7 @@ the Coriolis term (v/R against 2 w_ie: 5e-7 per second) and in `pull` (1/R per m
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,6 +44,7 @@ from leadline.models.view import ATTITUDE_T, FORCE, FORCE_T, POSITION_T, RATE, R
 if TYPE_CHECKING:
     from leadline.data.records import Array
     from leadline.data.vehicle import SensorConfig
+    from leadline.models.process import Pose
 
 PARTS = (
     Part("position", Block.PLACE, 3, "m"),
@@ -225,7 +227,19 @@ def pull(x, u, params, view, Hv, H, rows):
 def inertial(imu: SensorConfig, surface: float) -> Process:
     """Return the process model `inertial` of an IMU, for water whose surface is at the height `surface` (m)."""
     defines = frozenset({VELOCITY, RATE, FORCE})
-    return Process("inertial", PARTS, parameters_of(imu, surface), step, push, noise, view, pull, defines, consumes="imu")
+    bias = np.array([imu.value("gyro_bias")] * 3 + [imu.value("accel_bias")] * 3)
+    return Process(
+        "inertial", PARTS, parameters_of(imu, surface), step, push, noise, view, pull, defines,
+        begin=partial(begin_with, values=np.zeros(6), sigmas=bias), consumes="imu", reference_b=imu.lever_arm_b,
+    )  # fmt: skip
+
+
+def begin_with(pose: Pose, values: Array, sigmas: Array) -> tuple[Array, Array]:
+    """Return the initial motion and its covariance: those of the pose, then values with their sigmas."""
+    x = np.concatenate([pose.quaternion_en, [pose.height], pose.velocity_n, pose.quaternion_nb, values])
+    covariance = np.diag(np.concatenate([np.zeros(9), np.square(sigmas)]))
+    covariance[:9, :9] = pose.covariance
+    return x, covariance
 
 
 def parameters_of(imu: SensorConfig, surface: float) -> Array:

@@ -12,6 +12,8 @@ All else is models/inertial.py: its kernels are handed the input as corrected, a
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +30,7 @@ from leadline.models.inertial import (
     PARAMETERS,
     PARTS,
     RATE_U,
+    begin_with,
     inertial,
     parameters_of,
 )
@@ -37,11 +40,12 @@ from leadline.models.inertial import push as push_of_one
 from leadline.models.inertial import step as step_of_one
 from leadline.models.inertial import view as view_of_one
 from leadline.models.layout import INPUTS, Block, Part
-from leadline.models.process import Process
-from leadline.models.sensor import AXES
+from leadline.models.nuisance import AXES
 
 if TYPE_CHECKING:
-    from leadline.data.vehicle import SensorConfig
+    from leadline.data.vehicle import SensorConfig, Vehicle
+    from leadline.models.process import Process
+    from leadline.models.sensor import Context
 
 # Parameters: those of `inertial` for each of two units, then: units, entries, and by entry its unit, row of bias, column of input.
 UNITS_P = 2 * PARAMETERS
@@ -168,6 +172,12 @@ def pull(x, u, params, view, Hv, H, rows):
                     H[r, BIAS_E + i] = 0.0
 
 
+def compose(vehicle: Vehicle, context: Context) -> Process:
+    """Return the process model `inertial` of a vehicle."""
+    standby = vehicle.process.standby
+    return inertial_units(vehicle[vehicle.process.imu], None if standby is None else vehicle[standby], context.surface)
+
+
 def inertial_units(imu: SensorConfig, standby: SensorConfig | None, surface: float) -> Process:
     """Return the process model `inertial` of an IMU, of one that stands in for it, and of those of their errors that have a prior."""
     units = [imu] if standby is None else [imu, standby]
@@ -182,7 +192,11 @@ def inertial_units(imu: SensorConfig, standby: SensorConfig | None, surface: flo
         parts += [Part(f"{unit.name}.{p.name}", p.block, p.size, p.unit, p.frame) for p in PARTS[3:]]
     parts += [Part(name, Block.VECTOR, 1, "1", "body") for _, name, _, _ in entries]
     base = inertial(imu, surface)
-    return Process("inertial", tuple(parts), parameters, step, push, noise, view, pull, base.defines, base.consumes, base.longest_step)
+    values, sigmas = initial_units(imu, standby)
+    return replace(
+        base, parts=tuple(parts), parameters=parameters, step=step, push=push, noise=noise, view=view, pull=pull,
+        begin=partial(begin_with, values=np.array(values), sigmas=np.array(sigmas)),
+    )  # fmt: skip
 
 
 def _entries(number: int, unit: SensorConfig) -> list[tuple[int, str, int, int]]:

@@ -22,6 +22,7 @@ from leadline.core.compiled import WIDE, kernel
 from leadline.core.earth import PLACE, move, offset
 from leadline.core.rotation import exponential, load4, logarithm, product, store_quaternion
 from leadline.data.errors import InputError
+from leadline.models.nuisance import AXES
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -35,9 +36,11 @@ BLOCK_SIZE, MOST_BLOCKS = 4, 12
 LAYOUT_END = BLOCK + BLOCK_SIZE * MOST_BLOCKS
 
 # The head of the float array `state`.
-TIME, ACTIVE, INPUT, INPUTS, CLONE_TIME, MOST_CLONES = 0, 1, 2, 9, 11, 4
+TIME, ACTIVE, INPUT, INPUTS, CLONE_TIME, MOST_CLONES = 0, 1, 2, 16, 18, 4
+NOW_U = INPUTS - 1  # place in an input of the moment at hand (s): the start of a step, or that of a view
 BEGUN = CLONE_TIME + MOST_CLONES  # when the run began
-LAST_USED = BEGUN + 1  # then, also by channel, the number of rejections in a row
+LAST_USED = BEGUN + 1  # then, also by channel, the number of rejections in a row, and by how much its noise has been found larger
+BY_CHANNEL = 3  # numbers of each channel
 CLONE_NOMINAL, CLONE_ERROR = PLACE + 4, 6
 
 
@@ -67,6 +70,11 @@ class Part:
         """Numbers in the nominal state."""
         return {Block.VECTOR: self.size, Block.PLACE: PLACE, Block.ATTITUDE: 4}[self.block]
 
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of its single errors."""
+        return tuple(self.name + axis for axis in AXES[self.size])
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -76,6 +84,7 @@ class Layout:
     nuisances: tuple[Nuisance, ...]
     clones: int
     channels: int
+    extra: int = 0  # numbers that an estimator keeps behind the covariance
 
     def __post_init__(self) -> None:
         """Refuse what the workspaces cannot hold: in a kernel, out of bounds is silent."""
@@ -116,7 +125,8 @@ class Layout:
     @property
     def x(self) -> slice:
         """Where the nominal state lies in the flat state."""
-        return slice(LAST_USED + 2 * self.channels, LAST_USED + 2 * self.channels + self.nominal)
+        start = LAST_USED + BY_CHANNEL * self.channels + 1  # then, by how much the process noise has been found larger
+        return slice(start, start + self.nominal)
 
     @property
     def covariance(self) -> slice:
@@ -126,7 +136,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Length of the flat state."""
-        return int(self.covariance.stop)
+        return int(self.covariance.stop) + self.extra
 
     def nominal_of(self, name: str) -> slice:
         """Where a part of the motion lies in x."""
@@ -141,9 +151,9 @@ class Layout:
         return slice(sum(sizes[:i]), sum(sizes[: i + 1]))
 
     def nuisance_error(self, name: str) -> int:
-        """Index of the error of a nuisance state; -1 if it is none."""
-        names = [nuisance.name for nuisance in self.nuisances]
-        return self.motion_error + names.index(name) if name in names else -1
+        """Index of the error of a nuisance state, or of a part of the motion that has its name; -1 if it is none."""
+        names = [*shared_names(self.motion), *(nuisance.name for nuisance in self.nuisances)]
+        return names.index(name) if name in names else -1
 
     def head(self) -> npt.NDArray[np.int64]:
         """Return the head of the plan."""
@@ -163,6 +173,7 @@ class Layout:
         state[TIME], state[ACTIVE] = time, self.fixed
         state[CLONE_TIME : CLONE_TIME + MOST_CLONES], state[BEGUN] = np.nan, time
         state[LAST_USED : LAST_USED + self.channels] = -np.inf
+        state[LAST_USED + (BY_CHANNEL - 1) * self.channels : self.x.start] = 1.0
         values = np.concatenate([x, [nuisance.value for nuisance in self.nuisances]])
         state[self.x.start : self.x.start + len(values)] = values
         full = state[self.covariance].reshape(self.error, WIDE)
@@ -174,6 +185,11 @@ class Layout:
             at = self.x.start + self.motion_nominal + len(self.nuisances) + CLONE_NOMINAL * clone
             state[at] = state[at + PLACE] = 1.0
         return state
+
+
+def shared_names(motion: tuple[Part, ...]) -> list[str]:
+    """Return the names of the motion's errors, one by one, as sensors may ask for them."""
+    return [name for part in motion for name in part.components]
 
 
 def _joined(parts: list[Part]) -> list[Part]:

@@ -4,6 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+AXES: Mapping[int, tuple[str, ...]] = {  # what the components of a nuisance, or of a part of the motion, are called, by their number
+    1: ("",),
+    2: ("_north", "_east"),
+    3: ("_x", "_y", "_z"),
+    4: ("_sin", "_cos", "_sin2", "_cos2"),
+    6: ("_xy", "_xz", "_yx", "_yz", "_zx", "_zy"),
+}
 
 
 @dataclass(frozen=True)

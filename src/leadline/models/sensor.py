@@ -21,7 +21,7 @@ from leadline.core import geodesy
 from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
 from leadline.data.rows import complete
-from leadline.models.nuisance import Nuisance
+from leadline.models.nuisance import AXES, Nuisance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -30,14 +30,6 @@ if TYPE_CHECKING:
     from leadline.data.log import Beacon, Log, Origin
     from leadline.data.records import Array, Table
     from leadline.data.vehicle import Prior, SensorConfig, Vehicle
-
-AXES: Mapping[int, tuple[str, ...]] = {
-    1: ("",),
-    2: ("_north", "_east"),
-    3: ("_x", "_y", "_z"),
-    4: ("_sin", "_cos", "_sin2", "_cos2"),
-    6: ("_xy", "_xz", "_yx", "_yz", "_zx", "_zy"),
-}
 
 
 @dataclass(frozen=True)
@@ -52,10 +44,9 @@ class Context:
     date: datetime | None = None  # of time zero
 
     @classmethod
-    def of(cls, log: Log, vehicle: Vehicle) -> Context:
-        """Return the context of a log solved with a vehicle."""
-        imu = vehicle.sensors.get(vehicle.process.imu)
-        reference = imu.lever_arm_b if imu is not None else np.zeros(3)
+    def of(cls, log: Log, vehicle: Vehicle, reference_b: Array | None = None) -> Context:
+        """Return the context of a log solved with a vehicle; reference_b: the point that its process model moves, else the body origin."""
+        reference = np.zeros(3) if reference_b is None else reference_b
         return cls(reference, log.datum.geoid_undulation, log.origin, log.beacons, vehicle.shared, log.epoch)
 
     def lever(self, config: SensorConfig) -> Array:
@@ -86,6 +77,7 @@ class Channel:
     epochs: int = 1
     requires: frozenset[str] = frozenset()  # what the process model must define, as in models/view.py
     displacing: Mapping[str, tuple[Nuisance, ...]] = field(default_factory=dict)  # time, offset, drift, lever: filled in by `displaced`
+    linear: bool = False  # whether it is linear in the state of a model of the plane
     bounds_drift: bool = False  # whether it holds the horizontal position error (a velocity over ground, a position, a range)
 
 
@@ -114,6 +106,7 @@ class Sensor:
     config: SensorConfig
     channels: tuple[Channel, ...]
     read: Callable[[Any], Reading]  # of a table of the sensor's kind
+    feed: Callable[[Any], Array] | None = None  # makes inputs (n, INPUTS) of a table, nan where a row says nothing
     flight: float = 0.0  # the longest time between two epochs of a row (s)
     before: float = 0.0  # how far back `read` must see earlier rows of the table, to make of the last one what the whole table makes (s)
 

@@ -39,7 +39,7 @@ def assessment_text(assessment: Assessment) -> RenderableType:
         grids.append(tables.error_grid(assessment.errors))
     if assessment.misclosures:
         grids.append(tables.misclosure_grid(assessment))
-    return Group(*verdict, headlines, *happened, *(Sheet(grid, _row_style) for grid in grids if grid.rows))
+    return Group(*verdict, headlines, *happened, *(Sheet(grid, row_style) for grid in grids if grid.rows))
 
 
 def summary_text(solution: Solution) -> RenderableType:
@@ -56,8 +56,9 @@ def summary_text(solution: Solution) -> RenderableType:
     lines = [f"{len(solution):,} states over {tables.duration(span)} and {tables.length(travelled)}, from {start}"]
     lines += [f"{share:.1f} % {name}" for name, share in tables.status_shares(solution)]
     grids = [tables.run_grid(solution.summary, travelled), tables.outcomes_of(counts_of(solution.innovations))]
-    return Group(Text("\n".join(lines) + "\n"), *(Sheet(grid, _row_style) for grid in grids if grid.rows))
+    return Group(Text("\n".join(lines) + "\n"), *(Sheet(grid, row_style) for grid in grids if grid.rows))
 
 
-def _row_style(mark: str) -> str:
+def row_style(mark: str) -> str:
+    """Return the style of a row of a table by its mark."""
     return ROW_STYLES.get(mark, "")

@@ -104,7 +104,8 @@ class Attitude(Levelled[records.Attitude]):
 class Heading(Levelled[records.Heading]):
     """Heading of the body's forward axis (rad, in [0, 2 pi)), off by the deviation of a compass.
 
-    What it shows is m = heading + bias + A sin m + B cos m + C sin 2m + D cos 2m, with `swing` A, B, C, D (rad), and noise on top.
+    What it shows is m = heading + bias + drift_rate t + A sin m + B cos m + C sin 2m + D cos 2m, with `swing` A, B, C, D (rad), and noise
+    on top.  The drift_rate (rad/s) is that of a gyro whose rate is added up to a heading.
     """
 
     measured = ("heading",)
@@ -112,6 +113,8 @@ class Heading(Levelled[records.Heading]):
     bias: Drift = STEADY
     swing: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     sigma_swing: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # of each, drawn at turn-on
+    drift_rate: float = 0.0
+    sigma_drift_rate: float = 0.0  # drawn at turn-on
 
     def ideal(self, trajectory: Trajectory, time: Array) -> records.Heading:
         """Return the headings that it holds for true."""
@@ -120,6 +123,8 @@ class Heading(Levelled[records.Heading]):
     def noisy(self, table: records.Heading, generator: Generator) -> records.Heading:
         """Add bias, deviation and white noise."""
         error = self.bias.draw(table.time, 1, generator)[:, 0] + self.sigma * generator.standard_normal(len(table))
+        drawn = self.sigma_drift_rate * float(generator.spawn(1)[0].standard_normal()) if self.sigma_drift_rate else 0.0
+        error += (self.drift_rate + drawn) * table.time
         shown = table.heading + error
         if any(self.swing) or any(self.sigma_swing):
             swing = np.asarray(self.swing) + np.asarray(self.sigma_swing) * generator.standard_normal(4)

@@ -23,8 +23,7 @@ from leadline.core.compiled import kernel
 from leadline.core.earth import curvature, gravity
 from leadline.core.rotation import cross, matrix, turn, turn_back
 from leadline.data.errors import InputError
-from leadline.sea.flow import elevation, flow
-from leadline.simulate.hull import (
+from leadline.data.hull import (
     ADDED,
     BUOYANCY_AT,
     ENCLOSED,
@@ -45,10 +44,11 @@ from leadline.simulate.hull import (
     THRUSTERS,
     VOLUME,
 )
+from leadline.sea.flow import elevation, flow
 
 if TYPE_CHECKING:
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
 
 NU, ACTUATORS = 7, 13  # places in the state
 STILL: Array = np.zeros(1)  # water that does not move

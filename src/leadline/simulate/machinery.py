@@ -14,8 +14,8 @@ from leadline.simulate.instrument import Digital
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
     from leadline.simulate.trajectory import Trajectory
 
 

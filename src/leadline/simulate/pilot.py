@@ -14,8 +14,8 @@ from leadline.simulate.dynamics import ACTUATORS, NU, accelerations, at_rest, si
 from leadline.simulate.routes import SPEED
 
 if TYPE_CHECKING:
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
-    from leadline.simulate.hull import Hull
     from leadline.simulate.routes import Plan
 
 BANDS = (0.5, 0.5, 0.6, 1.0, 2.0, 2.0)  # 1/s of the inner loops, unless actuators or forces are too weak for them

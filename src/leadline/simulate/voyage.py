@@ -31,9 +31,9 @@ from leadline.simulate.trajectory import Trajectory
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from leadline.data.hull import Hull
     from leadline.data.records import Array
     from leadline.sea.terrain import Chart
-    from leadline.simulate.hull import Hull
     from leadline.simulate.routes import Plan
     from leadline.simulate.trajectory import Place
 

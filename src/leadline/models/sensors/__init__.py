@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import traceback
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from leadline.core.compiled import is_kernel
-from leadline.data.errors import InputError
+from leadline.models.plugin import guarded, imported
 from leadline.models.sensor import Sensor, displaced
 
 if TYPE_CHECKING:
@@ -35,34 +34,12 @@ def compose(config: SensorConfig, context: Context) -> Sensor | None:
 
 def _imported(config: SensorConfig) -> Callable[[SensorConfig, Context], Sensor]:
     """Return a user's `compose`, guarded: what goes wrong in it is said in one line that names it."""
-    module, _, name = (config.model or "").partition(":")
     where = f"sensors.{config.name}.model '{config.model}'"
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        right = "give 'package.module:function' that makes a leadline.models.sensor.Sensor, with its folder on PYTHONPATH"
-        raise InputError(where, f"cannot be imported ({error})", right) from error
+    make = imported(config.model or "", where, Sensor)
 
     def composed(config: SensorConfig, context: Context) -> Sensor:
-        sensor = guarded(found, where)(config, context)
-        if not isinstance(sensor, Sensor):
-            raise InputError(where, f"made a {type(sensor).__name__}", "return a leadline.models.sensor.Sensor")
+        sensor: Sensor = make(config, context)
         channels = tuple(c if is_kernel(c.predict) else replace(c, predict=guarded(c.predict, where)) for c in sensor.channels)
         return replace(sensor, channels=channels, read=guarded(sensor.read, where))
 
     return composed
-
-
-def guarded(function: Callable[..., Any], where: str) -> Callable[..., Any]:
-    """Return a user's function whose exceptions become an InputError that names place, exception and line."""
-
-    def call(*arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except InputError:
-            raise
-        except Exception as error:
-            line = traceback.extract_tb(error.__traceback__)[-1]
-            raise InputError(where, f"raised {type(error).__name__}: {error} ({line.filename}, line {line.lineno})", "mend it") from error
-
-    return call

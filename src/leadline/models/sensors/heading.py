@@ -1,4 +1,4 @@
-"""Heading of the body from true north, as a compass shows it: z = m with m = heading + bias + swing(m).
+"""Heading of the body from true north, as a compass shows it: z = m with m = heading + bias + drift t + swing(m).
 
     swing(m) = A sin m + B cos m + C sin 2m + D cos 2m
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from leadline.data.records import Array, Heading
     from leadline.data.vehicle import SensorConfig
     from leadline.models.nuisance import Nuisance
+
+DRIFT = 5  # place among the nuisances
 
 
 @kernel()
@@ -83,11 +85,11 @@ def write_heading(view, factor, i, column, Hv):
 @kernel(SENSOR)
 def predict(views, nuisance, row, params, z, R, Hv, Hn):
     """Heading of the body's forward axis; it has none when that axis is vertical."""
-    z[0], slope = shown(heading_of(views) + nuisance[0], nuisance, 1)
+    z[0], slope = shown(heading_of(views) + nuisance[0] + nuisance[DRIFT] * row[2], nuisance, 1)
     if slope == 0.0 or not write_heading(views, slope, 0, 0, Hv):
         return 3
     write_swing(z[0], slope, 0, 1, Hn)
-    Hn[0, 0] = slope
+    Hn[0, 0], Hn[0, DRIFT] = slope, slope * row[2]
     R[0, 0] = row[1]
     return 0
 
@@ -127,7 +129,8 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
 
     def read(table: Heading) -> Reading:
         sigma = sigmas(table.sigma, default, len(table))
-        return reading(table, finite_rows(0, np.stack([true_heading(config, table, context), sigma**2], axis=1), usable(table)))
+        data = np.stack([true_heading(config, table, context), sigma**2, table.time], axis=1)
+        return reading(table, finite_rows(0, data, usable(table)))
 
-    nuisance = nuisances(config, "bias", 1, "rad") + swing_of(config)
-    return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 2, nuisance, angles=(True,)),), read)
+    nuisance = nuisances(config, "bias", 1, "rad") + swing_of(config) + nuisances(config, "drift", 1, "rad/s")
+    return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 3, nuisance, angles=(True,)),), read)

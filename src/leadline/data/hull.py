@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from leadline.data.errors import InputError, suggestion
-from leadline.simulate.hull_keys import ROWS, check, factors, matrix_of
+from leadline.data.hull_keys import ROWS, check, factors, matrix_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,0 +1,242 @@
+"""What a measurement does to particles: it weighs them, and where it is so sharp that too few would count, it moves them first.
+
+The likelihood is taken in two parts, p = p^c p^(1-c).  With the part c each particle is moved by the ensemble's own Kalman gain, with the
+rest it is weighed (Frei and Kuensch, 2013, simplified to two steps):
+    x_i <- x_i [+] P_xz S^-1 (r_i + e_i / sqrt(c)),   S = T + R / c,   e_i ~ N(0, R)        r_i <- r_i - T S^-1 (r_i + e_i / sqrt(c))
+with r_i the residual against particle i and T the covariance of what they predict.  Where the predictions are linear in the state, as
+far as the noise lets tell, c is one: the move is exact there, and no number of particles would do for sharp measurements of many
+states.  Else c is the smallest that leaves `least` of the particles effective: a law that no Gaussian fits keeps its shape.
+"""
+
+from __future__ import annotations
+
+import math
+
+from leadline.core.compiled import COMPONENTS, WIDE, kernel
+from leadline.core.gaussian import cholesky, wrapped
+from leadline.core.random import fill_normal
+from leadline.core.sigma import root
+from leadline.estimate.plan import ANGLES, CHANNEL, CHANNEL_SIZE, ESTIMATOR, OWN_E
+from leadline.models.layout import COV, ERROR, NOMINAL, NUISANCES_N, X, difference, retract
+
+COUNT_E, THRESHOLD_E, JITTER_E, SEED_E, LEAST_E = range(OWN_E, OWN_E + 5)
+KEY, COUNTER, SETTLED, WEIGHTS = range(4)  # places behind the covariance
+SQUARE = WIDE * WIDE
+NOISE_W, ROOT_W, MEMORY_W, STATE_W, SPARE_W, CROSS_W = (k * SQUARE for k in (3, 4, 5, 7, 8, 9))
+STRAIGHT = 0.1  # of the variance of the noise: what no linear law explains may be so large beside it
+
+
+@kernel()
+def cloud_of(plan, params, state):
+    """What lies behind the covariance: head, logarithms of weights (N,), particles (N, size)."""
+    count, size = int(params[plan[ESTIMATOR] + COUNT_E]), plan[NOMINAL] + plan[NUISANCES_N]
+    behind = state[plan[COV] + plan[ERROR] * WIDE :]
+    logs = behind[WEIGHTS : WEIGHTS + count]
+    rows = behind[WEIGHTS + count : WEIGHTS + count + count * size].reshape(count, size)
+    return behind, logs, rows
+
+
+@kernel()
+def residual(plan, channel, row, Z, i, c, out):
+    """Residual of a row against what one particle predicts; false where it predicts nothing."""
+    at = CHANNEL + CHANNEL_SIZE * channel
+    if math.isnan(Z[1 + i, 0]):
+        return False
+    for a in range(c):
+        out[a] = row[a] - Z[1 + i, a]
+        if (plan[at + ANGLES] >> a) & 1:
+            out[a] = wrapped(out[a])
+    return True
+
+
+@kernel()
+def whitened_square(L, r, y, c):
+    """|L^-1 r|^2."""
+    square = 0.0
+    for a in range(c):
+        s = r[a]
+        for b in range(a):
+            s -= L[a * COMPONENTS + b] * y[b]
+        y[a] = s / L[a * COMPONENTS + a]
+        square += y[a] * y[a]
+    return square
+
+
+@kernel()
+def weigh(plan, channel, row, Z, R, logs, dof, c, work):
+    """Multiply the weight of each particle by the likelihood of the row."""
+    A, L, r, y = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 136 :]
+    for a in range(c):
+        for b in range(c):
+            A[a * COMPONENTS + b] = R[a, b]
+    cholesky(A, L, c)
+    for i in range(len(logs)):
+        if not residual(plan, channel, row, Z, i, c, r):
+            logs[i] = -math.inf
+            continue
+        square = whitened_square(L, r, y, c)
+        logs[i] -= 0.5 * (dof + c) * math.log1p(square / dof) if dof > 0.0 else 0.5 * square
+
+
+@kernel()
+def solved(S, L, r, y, c):
+    """Y <- S^-1 r, with S = L L^T."""
+    whitened_square(L, r, y, c)
+    for a in range(c - 1, -1, -1):
+        s = y[a]
+        for b in range(a + 1, c):
+            s -= L[b * COMPONENTS + a] * y[b]
+        y[a] = s / L[a * COMPONENTS + a]
+
+
+@kernel()
+def moved_residual(behind, T, S, Ls, Lr, share, i, r, y, e, c):
+    """What is left of the residual r of particle i once it has been moved with a share of the likelihood; y: S^-1 of its innovation.
+
+    S = T + R / share, Lr the root of R, Ls that of S.
+    """
+    fill_normal(behind[KEY], behind[COUNTER], i, e, c)
+    for a in range(c):
+        s = 0.0
+        for b in range(a + 1):
+            s += Lr[a * COMPONENTS + b] * e[b]
+        y[COMPONENTS + a] = r[a] + s / math.sqrt(share)
+    for a in range(c):
+        e[a] = y[COMPONENTS + a]
+    solved(S, Ls, e, y, c)
+    for a in range(c):
+        for b in range(c):
+            r[a] -= T[a * COMPONENTS + b] * y[b]
+
+
+@kernel()
+def roots_of_share(R, T, share, c, work):
+    """S = T + R / share with its root and that of R, in `work`; false where S is not definite."""
+    A, Lr, S, Ls = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 192 :]
+    for a in range(c):
+        for b in range(c):
+            A[a * COMPONENTS + b] = R[a, b]
+            S[a * COMPONENTS + b] = T[a * COMPONENTS + b] + R[a, b] / share
+    return cholesky(A, Lr, c) and cholesky(S, Ls, c)
+
+
+@kernel()
+def log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work):
+    """Logarithm of the weight of particle i with the part of the likelihood that is left to weigh, and in `work` what moves it."""
+    Lr, S, Ls = work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 192 :]
+    r, y, e = work[SPARE_W + 256 :], work[SPARE_W + 264 :], work[SPARE_W + 280 :]
+    if not residual(plan, channel, row, Z, i, c, r):
+        return -math.inf
+    moved_residual(behind, T, S, Ls, Lr, share, i, r, y, e, c)
+    return logs[i] - 0.5 * (1.0 - share) * whitened_square(Lr, r, e, c)
+
+
+@kernel()
+def effective_with(plan, params, state, channel, row, Z, R, T, share, c, work):
+    """How many particles would be left effective with a share of the likelihood taken as a move."""
+    behind, logs, _ = cloud_of(plan, params, state)
+    if not roots_of_share(R, T, share, c, work):
+        return math.inf
+    best, total, squares = -math.inf, 0.0, 0.0
+    for i in range(len(logs)):
+        w = log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work)
+        if w > best:
+            total *= math.exp(best - w)
+            squares *= math.exp(2.0 * (best - w))
+            best = w
+        if w > -math.inf:
+            total += math.exp(w - best)
+            squares += math.exp(2.0 * (w - best))
+    return total * total / squares if squares > 0.0 else 0.0
+
+
+@kernel()
+def share_of(plan, params, state, channel, row, Z, R, T, c, work):
+    """The smallest share of the likelihood to move by that leaves enough particles effective; by halving."""
+    _, logs, _ = cloud_of(plan, params, state)
+    enough = params[plan[ESTIMATOR] + LEAST_E] * len(logs)
+    if effective_with(plan, params, state, channel, row, Z, R, T, 1e-9, c, work) >= enough:
+        return 0.0
+    low, high = 0.0, 1.0
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        if effective_with(plan, params, state, channel, row, Z, R, T, middle, c, work) >= enough:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@kernel()
+def cross_covariance(plan, params, state, channel, row, Z, c, work):
+    """Covariance of the state's errors (rows of COMPONENTS) with what the particles predict."""
+    _, logs, rows = cloud_of(plan, params, state)
+    n, x = plan[ERROR], state[plan[X] : plan[COV]]
+    cross, d, mean, r = work[CROSS_W:], work[MEMORY_W:STATE_W], work[SPARE_W + 300 :], work[SPARE_W + 256 :]
+    cross[: n * COMPONENTS] = 0.0
+    mean[:c] = 0.0
+    for i in range(len(logs)):
+        w = math.exp(logs[i])
+        if w > 0.0 and residual(plan, channel, row, Z, i, c, r):
+            for a in range(c):
+                mean[a] += w * r[a]
+    for i in range(len(logs)):
+        w = math.exp(logs[i])
+        if w > 0.0 and residual(plan, channel, row, Z, i, c, r):
+            difference(plan, rows[i], x, d)
+            for j in range(n):
+                for a in range(c):
+                    cross[j * COMPONENTS + a] -= w * d[j] * (r[a] - mean[a])
+
+
+@kernel()
+def bent(plan, params, state, R, T, c, work):
+    """The largest part, over components, of what no linear law of the state explains in the predictions, in units of the noise."""
+    n, L, cross = plan[ERROR], work[ROOT_W:], work[CROSS_W:]
+    y = work[MEMORY_W:STATE_W]
+    root(state[plan[COV] :], L, n)
+    worst = 0.0
+    for a in range(c):
+        explained = 0.0
+        for i in range(n):
+            y[i] = 0.0
+            if L[i * WIDE + i] > 0.0:
+                t = cross[i * COMPONENTS + a]
+                for j in range(i):
+                    t -= L[i * WIDE + j] * y[j]
+                y[i] = t / L[i * WIDE + i]
+                explained += y[i] * y[i]
+        worst = max(worst, (T[a * COMPONENTS + a] - explained) / R[a, a])
+    return worst
+
+
+@kernel()
+def shift(plan, params, state, channel, row, Z, R, T, share, c, work):
+    """Move every particle by the ensemble's gain with a share of the likelihood, and weigh it with the rest."""
+    behind, logs, rows = cloud_of(plan, params, state)
+    n, cross, d, y = plan[ERROR], work[CROSS_W:], work[MEMORY_W:STATE_W], work[SPARE_W + 264 :]
+    roots_of_share(R, T, share, c, work)
+    for i in range(len(logs)):
+        w = log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work)
+        logs[i] = w
+        if w > -math.inf:
+            for j in range(n):
+                d[j] = 0.0
+                for a in range(c):
+                    d[j] += cross[j * COMPONENTS + a] * y[a]
+            retract(plan, rows[i], d, n)
+
+
+@kernel()
+def take(plan, params, state, channel, row, Z, R, T, dof, c, work):
+    """Take a measurement: by a move alone where it is linear in the state, else by weights, and by a move as far as these are too few."""
+    _, logs, _ = cloud_of(plan, params, state)
+    cross_covariance(plan, params, state, channel, row, Z, c, work)
+    straight = bent(plan, params, state, R, T, c, work) < STRAIGHT
+    share = 0.0
+    if not dof > 0.0:
+        share = 1.0 if straight else share_of(plan, params, state, channel, row, Z, R, T, c, work)
+    if share > 0.0:
+        shift(plan, params, state, channel, row, Z, R, T, share, c, work)
+    else:
+        weigh(plan, channel, row, Z, R, logs, dof, c, work)
