@@ -104,7 +104,8 @@ CHANNELS = [
     *(f"dvl {i} {label}" for i, label in enumerate(("sensor", "body", "level", "ned", "beam1", "beam2", "beam3", "beam4"))),
     *(f"water_velocity {i} {label}" for i, label in enumerate(("sensor", "body", "level", "ned", "beam1", "beam2", "beam3"))),
     "depth 0", "heading 0", "attitude 0", "gnss 0 horizontal", "gnss 1 vertical", "gnss 2 velocity", "usbl 0 horizontal", "usbl 1 depth",
-    "zero_velocity 0", "speed 0", "pressure 0 sea", "tank 0 density", "altimeter 0", "imu 0 gyros", "dvl_b 4 altitude", "yaw_rate 0",
+    "zero_velocity 0", "speed 0", "pressure 0 sea", "tank 0 density", "altimeter 0", "imu 0 gyros", "imu 1 level",
+    "dvl_b 4 altitude", "yaw_rate 0",
     "navigation 0 horizontal", "navigation 1 depth", "navigation 2 heading", "ranges 0 one way", "ranges 1 two ways",
 ]  # fmt: skip
 # Per tangent direction, small enough for the third derivative and large enough for the rounding of an Earth-fixed position (1e-9 m).
@@ -159,7 +160,7 @@ def random_row(name: str, channel: Channel, view: np.ndarray, generator: np.rand
         row[3:7] = attitude.product(error, attitude.product(north, view[8:12]))
         heading = attitude.euler_from_quaternion(row[3:7])[2]
         row[7:9] = np.cos(heading), np.sin(heading)
-    elif len(channel.components) == 2 and channel.epochs == 1:
+    elif "north" in channel.components and channel.epochs == 1:
         row[2:5] = position_e(view) + generator.normal(0.0, 5.0, 3)
     elif name == "ranges":
         away = generator.normal(0.0, 1.0, 3)

@@ -21,7 +21,9 @@ class Inertial(Keys):
 
 
 class BodyVelocity(Keys):
-    """Nine states driven by an inertial unit, whose noise it takes: no biases."""
+    """Nine states driven by an inertial unit, whose noise it takes; what its biases do within a time counts as noise."""
+
+    bias_s: NotNegative = 10.0
 
 
 class Cruise(Keys):
@@ -33,7 +35,8 @@ class Cruise(Keys):
     pitch_noise_degps_per_rts: Positive = 1.0
     turn_noise_degps_per_rts: Positive = 2.0
     sigma_rate_degps: Positive = 3.0
-    sigma_roll_deg: NotNegative = 2.0
+    sigma_roll_deg: NotNegative = 3.0
+    roll_s: Positive = 5.0
     hull: str | None = None
     thrusters: str = "thrusters"
     density_kgpm3: Positive = 1025.0
@@ -44,7 +47,7 @@ class Planar(Keys):
 
     depth: str | None = None
     attitude: str | None = None
-    accel_noise_mps2_per_rts: Positive = 0.1
+    accel_noise_mps2_per_rts: Positive = 0.03
     turn_noise_degps_per_rts: Positive = 2.0
     sigma_accel_mps2: Positive = 0.2
     sigma_rate_degps: Positive = 3.0

@@ -66,6 +66,7 @@ class Imu(Sensor):
     accel_bias_instability_ug: NotNegative = 0.0
     accel_bias_tau_s: Positive = 3600.0
     accel_bias_process: Literal["random_walk", "gauss_markov"] = "random_walk"
+    sigma_level_mps2: Positive = 0.2
     gap_s: Positive | None = None
     gap_accel_mps2_per_rthz: Positive = 0.3
     gap_rate_degps_per_rthz: Positive = 3.0

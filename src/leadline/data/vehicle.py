@@ -197,9 +197,21 @@ def _vehicle(raw: dict[str, Any], path: Path | None, where: str | None = None) -
         others = [name for name in imus if name != top.process.imu]
         raise InputError(f"{where}: process.standby", f"'{top.process.standby}' is no other sensor of kind imu", suggestion("", others))
     _check_references(sensors, top.clocks, where)
+    _check_driving(top, where)
     process = process_of(top.process)
     points = {name: np.array(point.lever_arm_m, float) for name, point in top.points.items()}
     return Vehicle(top.name, sensors, process, path, shared=_shared(top, where), points=points)
+
+
+def _check_driving(top: Any, where: str) -> None:
+    """Refuse how an inertial unit is to be judged, where it drives the process model and is not."""
+    if top.process.model not in ("inertial", "body-velocity"):
+        return
+    for name in filter(None, (top.process.imu, top.process.standby)):
+        for key in ("student_dof", "gate_widening_s", "reanchor_after", "every_s"):
+            if key in top.sensors[name]:
+                found = f"{top.sensors[name][key]!r} would do nothing: it drives the process model, and is not judged"
+                raise InputError(f"{where}: sensors.{name}.{key}", found, "take it out")
 
 
 def _check_references(sensors: Mapping[str, SensorConfig], clocks: Mapping[str, Any], where: str) -> None:
@@ -268,11 +280,9 @@ def _sensor(name: str, given: Any, where: str) -> SensorConfig:
 
 def _check_idle(keys: Mapping[str, Any], kind: str, where: str) -> None:
     """Refuse keys that would do nothing."""
-    idle: tuple[str, ...] = (
-        ("student_dof", "gate_widening_s", "reanchor_after", "every_s", "standby_for", "clock", "repeats") if kind == "imu" else ()
-    )
-    why = "an inertial unit drives the process model, and is not judged"
-    if "student_dof" in keys and kind != "imu":
+    idle: tuple[str, ...] = ("standby_for", "clock", "repeats") if kind == "imu" else ()
+    why = "an inertial unit is no such sensor"
+    if "student_dof" in keys:
         idle, why = ("gate_probability", "gate_widening_s", "reanchor_after"), "with student_dof no row is turned away"
     for key in idle:
         if key in keys:

@@ -3,9 +3,9 @@
 The likelihood is taken in two parts, p = p^c p^(1-c).  With the part c each particle is moved by the ensemble's own Kalman gain, with the
 rest it is weighed (Frei and Kuensch, 2013, simplified to two steps):
     x_i <- x_i [+] P_xz S^-1 (r_i + e_i / sqrt(c)),   S = T + R / c,   e_i ~ N(0, R)        r_i <- r_i - T S^-1 (r_i + e_i / sqrt(c))
-with r_i the residual against particle i and T the covariance of what they predict.  Where the predictions are linear in the state, as
-far as the noise lets tell, c is one: the move is exact there, and no number of particles would do for sharp measurements of many
-states.  Else c is the smallest that leaves `least` of the particles effective: a law that no Gaussian fits keeps its shape.
+with r_i the residual against particle i and T the covariance of what they predict.  c is zero where weights alone leave `threshold` of
+the particles effective.  It is one where the particles and their predictions are related as a Gaussian's would be: the move is right
+there, and no number of particles would do for sharp measurements of many states.  Else it is the smallest that leaves `least` of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ COUNT_E, THRESHOLD_E, JITTER_E, SEED_E, LEAST_E = range(OWN_E, OWN_E + 5)
 KEY, COUNTER, SETTLED, WEIGHTS = range(4)  # places behind the covariance
 SQUARE = WIDE * WIDE
 NOISE_W, ROOT_W, MEMORY_W, STATE_W, SPARE_W, CROSS_W = (k * SQUARE for k in (3, 4, 5, 7, 8, 9))
-STRAIGHT = 0.1  # of the variance of the noise: what no linear law explains may be so large beside it
+BENT = 0.1  # of a variance: what a linear law may leave, and what the square of a prediction may explain of that
 
 
 @kernel()
@@ -190,24 +190,62 @@ def cross_covariance(plan, params, state, channel, row, Z, c, work):
 
 
 @kernel()
-def bent(plan, params, state, R, T, c, work):
-    """The largest part, over components, of what no linear law of the state explains in the predictions, in units of the noise."""
-    n, L, cross = plan[ERROR], work[ROOT_W:], work[CROSS_W:]
-    y = work[MEMORY_W:STATE_W]
+def straight(plan, params, state, channel, row, Z, T, c, work):
+    """Tell whether particles and what they predict are related as a Gaussian's would be.
+
+    Of each prediction a linear law of the state explains nearly all, and of no state is what is left beside a linear law of the predictions
+    related to their squares: an arc or a ring fails the one or the other.
+    """
+    _, logs, rows = cloud_of(plan, params, state)
+    n, x = plan[ERROR], state[plan[X] : plan[COV]]
+    L, cross, d, r, y = work[ROOT_W:], work[CROSS_W:], work[MEMORY_W:STATE_W], work[SPARE_W + 256 :], work[SPARE_W + 264 :]
     root(state[plan[COV] :], L, n)
-    worst = 0.0
     for a in range(c):
         explained = 0.0
         for i in range(n):
-            y[i] = 0.0
+            d[i] = 0.0
             if L[i * WIDE + i] > 0.0:
                 t = cross[i * COMPONENTS + a]
                 for j in range(i):
-                    t -= L[i * WIDE + j] * y[j]
-                y[i] = t / L[i * WIDE + i]
-                explained += y[i] * y[i]
-        worst = max(worst, (T[a * COMPONENTS + a] - explained) / R[a, a])
-    return worst
+                    t -= L[i * WIDE + j] * d[j]
+                d[i] = t / L[i * WIDE + i]
+                explained += d[i] * d[i]
+        if explained < (1.0 - BENT) * T[a * COMPONENTS + a]:
+            return False
+    S, Ls = work[SPARE_W + 128 :], work[SPARE_W + 192 :]
+    for a in range(c):
+        for b in range(c):
+            S[a * COMPONENTS + b] = T[a * COMPONENTS + b] * (1.0 + 1e-9 if a == b else 1.0)
+    if not cholesky(S, Ls, c):
+        return True  # what they predict is the same, or nearly: there is nothing to bend
+    mean, sums = work[SPARE_W + 300 :], work[STATE_W:]  # sums: by component of q and q^2, by state of e^2, then of e q
+    sums[: 2 * COMPONENTS + n * (1 + COMPONENTS)] = 0.0
+    for i in range(len(logs)):
+        w = math.exp(logs[i])
+        if w > 0.0 and residual(plan, channel, row, Z, i, c, r):
+            difference(plan, rows[i], x, d)
+            for a in range(c):
+                r[a] = mean[a] - r[a]  # the deviation of what is predicted
+            solved(S, Ls, r, y, c)
+            for a in range(c):
+                q = r[a] * r[a] - T[a * COMPONENTS + a]
+                sums[a] += w * q
+                sums[COMPONENTS + a] += w * q * q
+            for j in range(n):
+                e = d[j]
+                for a in range(c):
+                    e -= cross[j * COMPONENTS + a] * y[a]
+                at = 2 * COMPONENTS + j * (1 + COMPONENTS)
+                sums[at] += w * e * e
+                for a in range(c):
+                    sums[at + 1 + a] += w * e * (r[a] * r[a] - T[a * COMPONENTS + a])
+    for a in range(c):
+        spread = sums[COMPONENTS + a] - sums[a] * sums[a]
+        for j in range(n):
+            at = 2 * COMPONENTS + j * (1 + COMPONENTS)
+            if sums[at + 1 + a] * sums[at + 1 + a] > BENT * spread * sums[at]:
+                return False
+    return True
 
 
 @kernel()
@@ -229,13 +267,16 @@ def shift(plan, params, state, channel, row, Z, R, T, share, c, work):
 
 @kernel()
 def take(plan, params, state, channel, row, Z, R, T, dof, c, work):
-    """Take a measurement: by a move alone where it is linear in the state, else by weights, and by a move as far as these are too few."""
+    """Take a measurement: by weights where they leave enough, else by a move as far as the law of the particles allows."""
     _, logs, _ = cloud_of(plan, params, state)
-    cross_covariance(plan, params, state, channel, row, Z, c, work)
-    straight = bent(plan, params, state, R, T, c, work) < STRAIGHT
     share = 0.0
     if not dof > 0.0:
-        share = 1.0 if straight else share_of(plan, params, state, channel, row, Z, R, T, c, work)
+        plenty = params[plan[ESTIMATOR] + THRESHOLD_E] * len(logs)
+        if effective_with(plan, params, state, channel, row, Z, R, T, 1e-9, c, work) < plenty:
+            cross_covariance(plan, params, state, channel, row, Z, c, work)
+            share = 1.0
+            if not straight(plan, params, state, channel, row, Z, T, c, work):
+                share = share_of(plan, params, state, channel, row, Z, R, T, c, work)
     if share > 0.0:
         shift(plan, params, state, channel, row, Z, R, T, share, c, work)
     else:

@@ -35,7 +35,7 @@ def fingerprint(navigator: Navigator) -> str:
     names += [f"{s.config.name} {json.dumps(s.config.written, sort_keys=True, default=str)}" for s in c.sensors]
     epoch = navigator.reference.epoch.isoformat() if navigator.reference is not None else ""
     names += [f"{name} {clock.mend}" for name, clock in sorted(navigator.clocks.items())]
-    return blake2b(" ".join([*names, epoch]).encode() + c.params.tobytes(), digest_size=16).hexdigest()
+    return blake2b(" ".join([*names, epoch]).encode() + c.params[c.process.volatile :].tobytes(), digest_size=16).hexdigest()
 
 
 def save(navigator: Navigator, path: Path, arrived: float) -> None:

@@ -4,7 +4,8 @@
 
 The term w x v_b is what a turning body does to a velocity that stays where it was: without it a vehicle that turns at the rate r with
 the speed u gains a sway of -r u each second that is not there.  It is the change of variables v_n = R v_b of models/inertial.py, whose
-`step` moves the nominal state, gaps included: so both are one mechanisation.  There are no biases: those of the unit are taken as zero.
+`step` moves the nominal state, gaps included: so both are one mechanisation.  There are no biases in the state: what they do within
+`bias_s` counts as noise.
 Source: Wang and Pang (2014), eq. 7, with the terms that it lacks (w x v, gravity, the turning Earth); Groves (2013), ch. 5.
 
 Error (9): position, velocity (body axes, additive), attitude (rotation vector in n, on the left):
@@ -194,16 +195,21 @@ def pull(x, u, params, view, Hv, H, rows):
 
 def compose(vehicle: Vehicle, context: Context) -> Process:
     """Return the process model `body-velocity` of a vehicle; raises InputError where a second inertial unit is to stand in."""
-    vehicle.process.figures("body-velocity")  # a key that it does not know is refused
+    figures, _ = vehicle.process.figures("body-velocity")
     if vehicle.process.standby is not None:
         found = f"is '{vehicle.process.standby}', and the process model 'body-velocity' knows one inertial unit"
         raise InputError("process.standby", found, "take it out, or use the process model 'inertial'")
-    return body_velocity(vehicle[vehicle.process.imu], context.surface)
+    return body_velocity(vehicle[vehicle.process.imu], context.surface, figures["bias"])
 
 
-def body_velocity(imu: SensorConfig, surface: float) -> Process:
-    """Return the process model `body-velocity` of an IMU, for water whose surface is at the height `surface` (m)."""
+def body_velocity(imu: SensorConfig, surface: float, bias_time: float = 0.0) -> Process:
+    """Return the process model `body-velocity` of an IMU, for water whose surface is at the height `surface` (m).
+
+    bias_time (s): an unknown bias b counts as white noise of density b^2 x that, which moves the velocity as far within that time.
+    """
     parameters = parameters_of(imu, surface)
+    parameters[ACCEL_DENSITY] += imu.value("accel_bias") ** 2 * bias_time
+    parameters[GYRO_DENSITY] += imu.value("gyro_bias") ** 2 * bias_time
     parameters[BG_RATE:GAP_ACCEL] = 0.0  # there are no biases that could wander
     return Process(
         "body-velocity", PARTS, parameters, step, push, noise, view, pull, frozenset({VELOCITY, RATE, FORCE}),

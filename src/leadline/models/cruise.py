@@ -6,9 +6,9 @@ With level wings: north' = u ch cp - v sh + w ch sp,  east' = u sh cp + v ch + w
 v_b is over ground, in body axes; the heading is counted from the first axis of the navigation frame, which never turns about the vertical.
 Within a step heading and pitch turn evenly and R is averaged by Simpson's rule: its error is of the fifth order in the step.
 
-Roll and its rate are not modelled but for their spread: each is a state that keeps a tenth of itself over a step and is drawn anew, so
-that its sigma reaches every sensor, and what a sensor says of it is forgotten with the next step.  (A tenth and not nothing: so the
-transition can be inverted.)
+Roll is not one of the five: it follows its rate and falls back to level within `roll_s`, with the spread `sigma_roll` where nothing
+measures it.  The roll rate is not modelled but for its spread: it keeps a tenth of itself over a step and is drawn anew, so that a gyro
+can say what it is, and what it says is forgotten with the next step.  (A tenth and not nothing: so the transition can be inverted.)
 Source: Radojevic (2011), 5-DOF constant-speed filter, with sway and heave where they belong (they stand wrong there).
 
 Error (12): position, velocity (body axes), heading, pitch, heading rate, pitch rate, roll, roll rate; all but the position additive.
@@ -52,9 +52,9 @@ PARTS = (
 # Places in the nominal state, and of the errors of the angles.
 HEIGHT, V, HEADING, PITCH, TURN, PITCHING, ROLL, ROLLING = 4, 5, 8, 9, 10, 11, 12, 13
 HEADING_E, PITCH_E, TURN_E, PITCHING_E, ROLL_E, ROLLING_E, ERRORS = 6, 7, 8, 9, 10, 11, 12
-SURGE_DENSITY, SWAY_DENSITY, HEAVE_DENSITY, TURN_DENSITY, PITCH_DENSITY, ROLL_VARIANCE, ROLLING_VARIANCE = range(7)
+SURGE_DENSITY, SWAY_DENSITY, HEAVE_DENSITY, TURN_DENSITY, PITCH_DENSITY, ROLL_VARIANCE, ROLLING_VARIANCE, ROLL_RATE = range(8)
 # Memory: the mean rotation of a step, and how the mean velocity moves with heading, pitch, their rates, and roll.
-C_M, BY_HEADING_M, BY_PITCH_M, BY_TURN_M, BY_PITCHING_M, BY_ROLL_M, MEMORY = 0, 9, 12, 15, 18, 21, 24
+C_M, BY_HEADING_M, BY_PITCH_M, BY_TURN_M, BY_PITCHING_M, BY_ROLL_M, LEVELLED_M, MEMORY = 0, 9, 12, 15, 18, 21, 24, 25
 KEPT = 0.1  # what is left over a step of an error that is drawn anew
 LEAST_ROLL = 1e-6  # rad, rad/s: less would leave the covariance singular
 SIMPSON = (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0)
@@ -125,7 +125,8 @@ def step(x, u, dt, params, m):
     move(x, 0, mean[0] * dt, mean[1] * dt, 0.5 * mean[2] * dt)  # level, at the height in the middle
     x[HEADING] += x[TURN] * dt
     x[PITCH] += x[PITCHING] * dt
-    x[ROLL] *= KEPT
+    m[LEVELLED_M] = math.exp(-dt * params[ROLL_RATE])
+    x[ROLL] = m[LEVELLED_M] * x[ROLL] + dt * x[ROLLING]
     x[ROLLING] *= KEPT
 
 
@@ -146,7 +147,7 @@ def push_columns(m, dt, B, A, columns):
         A[3 * W + j], A[4 * W + j], A[5 * W + j] = B[3 * W + j], B[4 * W + j], B[5 * W + j]
         A[6 * W + j], A[7 * W + j] = B[6 * W + j] + dt * B[8 * W + j], B[7 * W + j] + dt * B[9 * W + j]
         A[8 * W + j], A[9 * W + j] = B[8 * W + j], B[9 * W + j]
-        A[10 * W + j], A[11 * W + j] = KEPT * B[10 * W + j], KEPT * B[11 * W + j]
+        A[10 * W + j], A[11 * W + j] = m[LEVELLED_M] * B[10 * W + j] + dt * B[11 * W + j], KEPT * B[11 * W + j]
 
 
 @kernel(PUSH)
@@ -188,7 +189,7 @@ def noise(m, dt, params, P):
             add(P, i, angle, q * dt2 * dt / 8.0 * by[i])
             for j in range(3):
                 P[i * W + j] += q * dt2 * dt2 / 20.0 * by[i] * by[j]
-    P[ROLL_E * (W + 1)] += (1.0 - KEPT * KEPT) * params[ROLL_VARIANCE]
+    P[ROLL_E * (W + 1)] += (1.0 - m[LEVELLED_M] * m[LEVELLED_M]) * params[ROLL_VARIANCE]
     P[ROLLING_E * (W + 1)] += (1.0 - KEPT * KEPT) * params[ROLLING_VARIANCE]
 
 
@@ -238,9 +239,9 @@ def cruise(figures: Mapping[str, Any]) -> Process:
 
 
 def parameters_of(figures: Mapping[str, Any]) -> Array:
-    """Return the parameters: densities of surge, sway, heave, heading and pitch, then the variances of roll and of its rate."""
+    """Return the parameters: densities of speeds, heading and pitch, variances of roll and its rate, how fast roll levels."""
     noises = [figures[f"{name}_noise"] for name in ("surge", "sway", "heave", "turn", "pitch")]
-    return np.square([*noises, max(figures["sigma_roll"], LEAST_ROLL), figures["sigma_rate"]])
+    return np.append(np.square([*noises, max(figures["sigma_roll"], LEAST_ROLL), figures["sigma_rate"]]), 1.0 / figures["roll"])
 
 
 def begin(pose: Pose, sigma_rate: float) -> tuple[Array, Array]:

@@ -78,6 +78,8 @@ class Process:
     longest_step: float = 0.1  # s: above it a step is divided
     linear: bool = False
     reference_b: Array = field(default_factory=lambda: np.zeros(3))  # the point that it moves, from the body origin (m)
+    volatile: int = 0  # how many of the first parameters are addresses of this process alone
+    held: tuple[Any, ...] = ()  # kernels that these belong to, so that they live as long
 
     def kernels(self) -> tuple[tuple[Any, Any], ...]:
         """Return the kernels with the contracts that they must fulfil, in the order of the plan."""

@@ -102,5 +102,13 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, data, usable(table)))
 
     bias = nuisances(config, "bias", 3, "rad", "level, along the heading")
-    channel = Channel(("roll", "pitch", "heading"), predict, np.zeros(1), 12, bias + swing_of(config), angles=(True, True, True))
+    channel = Channel(
+        ("roll", "pitch", "heading"),
+        predict,
+        np.zeros(1),
+        12,
+        bias + swing_of(config),
+        angles=(True, True, True),
+        linear="swing" not in config.nuisance,
+    )
     return Sensor(config, (channel,), read)

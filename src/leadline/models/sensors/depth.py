@@ -34,7 +34,7 @@ def predict(views, nuisance, row, params, z, R, Hv, Hn):
 
 def channel(config: SensorConfig, context: Context, component: str, datum: tuple[Nuisance, ...]) -> Channel:
     """Return the channel that compares depths."""
-    return Channel((component,), predict, np.array([*context.lever(config), context.surface]), 2, datum)
+    return Channel((component,), predict, np.array([*context.lever(config), context.surface]), 2, datum, linear=True)
 
 
 def compose(config: SensorConfig, context: Context) -> Sensor:

@@ -281,7 +281,8 @@ def doppler_channels(config: SensorConfig, context: Context, kernels: Kernels, c
         parameters = np.array([*rotation.ravel(), *lever, north])
         length = 5 if len(components) == 1 else 9
         needs, grounded = frozenset({VELOCITY, RATE}), not current
-        return Channel(components, predict, parameters, length, own + more + current, requires=needs, bounds_drift=grounded)
+        plain = config.value("frame", "sensor") == "ned" and not {"scale", "mounting"} & set(config.nuisance)
+        return Channel(components, predict, parameters, length, own + more + current, requires=needs, linear=plain, bounds_drift=grounded)
 
     axes = ("velocity_x", "velocity_y", "velocity_z")
     beams = beam_biases(config, len(config.values.get("beam_azimuth") or ()))

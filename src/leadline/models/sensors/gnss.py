@@ -68,9 +68,9 @@ def channels_of(config: SensorConfig, context: Context) -> tuple[Channel, ...]:
     down = np.array([*lever, context.surface, *dry])
     names = ("velocity_north", "velocity_east", "velocity_down")
     return (
-        Channel(("north", "east"), predict_position, np.array([*lever, *dry]), ROW, bias_of(config), bounds_drift=True),
-        Channel(("down",), predict_height, down, 2, none),
-        Channel(names, predict_velocity, moving, 9, none, requires=frozenset({VELOCITY, RATE}), bounds_drift=True),
+        Channel(("north", "east"), predict_position, np.array([*lever, *dry]), ROW, bias_of(config), linear=True, bounds_drift=True),
+        Channel(("down",), predict_height, down, 2, none, linear=True),
+        Channel(names, predict_velocity, moving, 9, none, requires=frozenset({VELOCITY, RATE}), linear=True, bounds_drift=True),
     )
 
 

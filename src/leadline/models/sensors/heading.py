@@ -133,4 +133,6 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, data, usable(table)))
 
     nuisance = nuisances(config, "bias", 1, "rad") + swing_of(config) + nuisances(config, "drift", 1, "rad/s")
-    return Sensor(config, (Channel(("heading",), predict, np.zeros(1), 3, nuisance, angles=(True,)),), read)
+    return Sensor(
+        config, (Channel(("heading",), predict, np.zeros(1), 3, nuisance, angles=(True,), linear="swing" not in config.nuisance),), read
+    )

@@ -66,5 +66,5 @@ def bias_of(config: SensorConfig) -> tuple[Nuisance, ...]:
 
 def channels(config: SensorConfig, context: Context) -> tuple[Channel, Channel]:
     """Return the horizontal channel, and the one that compares depths."""
-    horizontal = Channel(("north", "east"), predict, context.lever(config), ROW, bias_of(config), bounds_drift=True)
+    horizontal = Channel(("north", "east"), predict, context.lever(config), ROW, bias_of(config), linear=True, bounds_drift=True)
     return horizontal, depth.channel(config, context, "down", (Nuisance(f"{config.name}.datum"),))

@@ -64,7 +64,7 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, data, usable(table) & ~beyond), outcome=outcome)
 
     nuisance = nuisances(config, "datum", 1, "m") + nuisances(config, "scale", 1, "1")
-    return Sensor(config, (Channel(("pressure",), predict, parameters, 3, nuisance),), read)
+    return Sensor(config, (Channel(("pressure",), predict, parameters, 3, nuisance, linear="scale" not in config.nuisance),), read)
 
 
 def depth_of_pressures(config: SensorConfig, table: Pressure, context: Context) -> tuple[Array, Array]:

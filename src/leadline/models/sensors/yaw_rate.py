@@ -68,4 +68,5 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, data, usable(table) & ~fast), outcome=outcome)
 
     nuisance = nuisances(config, "bias", 1, "rad/s") + nuisances(config, "scale", 1, "1")
-    return Sensor(config, (Channel(("yaw_rate",), predict, parameters, 2, nuisance, requires=frozenset({RATE, VELOCITY})),), read)
+    needs, linear = frozenset({RATE, VELOCITY}), "scale" not in config.nuisance
+    return Sensor(config, (Channel(("yaw_rate",), predict, parameters, 2, nuisance, requires=needs, linear=linear),), read)

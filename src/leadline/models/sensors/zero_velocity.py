@@ -37,4 +37,4 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
         return reading(table, finite_rows(0, np.column_stack([np.zeros((len(table), 3)), sigma**2]), usable(table)))
 
     names = ("velocity_x", "velocity_y", "velocity_z")
-    return Sensor(config, (Channel(names, predict, np.zeros(1), 4, requires=frozenset({VELOCITY}), bounds_drift=True),), read)
+    return Sensor(config, (Channel(names, predict, np.zeros(1), 4, requires=frozenset({VELOCITY}), linear=True, bounds_drift=True),), read)
