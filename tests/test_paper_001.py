@@ -28,14 +28,14 @@ from leadline.models.sensor import Context
 from leadline.simulate.dive import Recorder
 
 sys.path.append(str(Path(__file__).parent.parent / "studies" / "papers"))
-import as_published_001 as printed  # noqa: E402
-import common  # noqa: E402
-import held_fixes  # noqa: E402
-import paper_001 as paper  # noqa: E402
-import paths_001 as paths  # noqa: E402
-import slope_heading  # noqa: E402
+import as_published_001 as printed
+import common
+import held_fixes
+import paper_001 as paper
+import paths_001 as paths
+import slope_heading
 
-RUNS, FEW = range(24), range(8)
+RUNS, FEW = range(20), range(6)
 TIME = np.linspace(0.0, 60.0, 241)
 
 
@@ -43,7 +43,7 @@ TIME = np.linspace(0.0, 60.0, 241)
 def found() -> SimpleNamespace:
     """The study of the three paths with two estimators, its rows, and C1 from an exact start."""
     results = paper.on_the_paths(RUNS, estimators=("ekf", "ukf"))
-    rows = paper.rows_of(results, paper.bounds(patterns=8), RUNS)
+    rows = paper.rows_of(results, paper.bounds(patterns=4), RUNS)
     return SimpleNamespace(results=results, rows=rows, exact=paper.exact_start(RUNS))
 
 
@@ -98,8 +98,7 @@ def test_right_filters_reach_the_bound_and_say_so(found: SimpleNamespace) -> Non
     assert all(s.answer == Answer.CONSISTENT for s in found.results.summaries.values())
     assert len(found.rows) == 12
     for row in found.rows:
-        for value, limit in zip(row.mse, row.bound, strict=True):
-            assert value.reaches(1.1 * limit, at_least=0.9 * limit)
+        assert all(value.reaches(1.05, at_least=0.95) for value in row.over), (row.path, row.configuration, row.estimator)
         for block, value in row.anees.items():
             assert value.reaches(1.0, at_least=1.0), (row.path, row.configuration, row.estimator, block)
 
@@ -244,11 +243,11 @@ def test_the_printed_transition_is_the_derivative_of_the_printed_motion() -> Non
         process.push(memory, dt, process.parameters, np.eye(WIDE).ravel(), found, 16)
         for j in range(9):
             up, low = np.zeros(WIDE), np.zeros(WIDE)
-            h = 1.0 if j < 3 else 1e-4
+            h = 1.0 if j < 6 else 1e-3
             difference(plan, after(x, j, h, u), end, up)
             difference(plan, after(x, j, -h, u), end, low)
-            # a millionth: the curvature of the Earth per metre, and h^2 / 6
-            assert np.abs(found.reshape(WIDE, WIDE)[:9, j] - ((up - low) / (2.0 * h))[:9]).max() < 1e-6
+            # places are known to 6378137 m x 2^-52 = 1.4e-9 m, and differ over 2e-3
+            assert np.abs(found.reshape(WIDE, WIDE)[:9, j] - ((up - low) / (2.0 * h))[:9]).max() < 2e-6
 
 
 def test_all_is_told(found: SimpleNamespace) -> None:
@@ -267,9 +266,8 @@ def test_all_is_told(found: SimpleNamespace) -> None:
     assert common.judged("x", found.exact["sine"][0], 0.0, -1.0).held == (found.exact["sine"][0].low <= 0.0)
 
 
-@pytest.mark.slow
 def test_in_the_pool_the_track_closes() -> None:
-    gaps = paper.pool(range(20))
+    gaps = paper.pool(range(10))
     assert gaps["C1"].high < paper.CLOSURE["C1"]
     assert gaps["C2"].high < paper.CLOSURE["C2"]
     assert gaps["C2"].low <= gaps["C1"].high

@@ -149,8 +149,8 @@ class SigmaTwin:
             at += part.nominal
         k = len(self.layout.nuisances)
         parts.append(x[at : at + k] - y[at : at + k])
-        for at in range(at + k, len(x), CLONE_NUMBERS):
-            a, b = x[at : at + 9], y[at : at + 9]
+        for first in range(at + k, len(x), CLONE_NUMBERS):
+            a, b = x[first : first + 9], y[first : first + 9]
             parts += [apart(a[:5], b[:5]), turning(multiplied(a[5:], b[5:] * [1.0, -1.0, -1.0, -1.0]))]
         return np.concatenate(parts)
 

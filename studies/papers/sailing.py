@@ -35,9 +35,9 @@ EARLIEST = -inf
 FLOATING = 1e-9
 
 
-def vehicle(name: str) -> Vehicle:
-    """Return a vehicle file of these studies."""
-    return read_vehicle(HOME / "vehicles" / f"{name}.toml")
+def vehicle(name: str, over: Mapping[str, Any] | None = None) -> Vehicle:
+    """Return a vehicle file of these studies, with keys in place of its own."""
+    return read_vehicle(HOME / "vehicles" / f"{name}.toml", over=over or {})
 
 
 def published(file: str, over: Mapping[str, Any] | None = None, **changes: Any) -> Configuration:

@@ -47,7 +47,7 @@ class Planar(Keys):
 
     depth: str | None = None
     attitude: str | None = None
-    accel_noise_mps2_per_rts: Positive = 0.03
+    accel_noise_mps2_per_rts: Positive = 0.1
     turn_noise_degps_per_rts: Positive = 2.0
     sigma_accel_mps2: Positive = 0.2
     sigma_rate_degps: Positive = 3.0

@@ -13,6 +13,7 @@ from leadline.data.errors import InputError
 from leadline.data.outcome import Outcome
 from leadline.data.records import Imu
 from leadline.estimate.alignment import aligned
+from leadline.estimate.beginning import Beginning
 from leadline.estimate.clocks import Clock
 from leadline.estimate.composition import Composition, room_for_clones
 from leadline.estimate.estimators import estimator_of
@@ -58,9 +59,10 @@ def navigator_for(
     unmodelled = frozenset(vehicle.sensors) - {s.config.name for s in sensors} - frozenset(driving)
 
     def begin(start: Start) -> Navigator:
-        state = composition.layout.start(start.time, *moved.begin(_pose(start, vehicle, log, moved)))
+        beginning = Beginning(moved, _pose(start, vehicle, log, moved))
+        state = composition.layout.start(start.time, *(beginning.by_points() if chosen.pointed else beginning.mean()))
         if chosen.prepare is not None:
-            chosen.prepare(composition.plan, composition.params, composition.layout, state)
+            chosen.prepare(composition, state, beginning)
         reference = Reference(log.epoch, origin_of(log, start), context)
         clocks = {name: Clock(config.mend_clock) for name, config in vehicle.sensors.items()}
         inputs = Inputs.of(vehicle[vehicle.process.imu], standby_of(vehicle)) if driving else None

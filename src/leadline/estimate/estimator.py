@@ -16,9 +16,9 @@ from leadline.core import compiled
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy.typing as npt
-
     from leadline.data.records import Array
+    from leadline.estimate.beginning import Beginning
+    from leadline.estimate.composition import Composition
     from leadline.models.layout import Layout
 
 
@@ -28,9 +28,9 @@ class Estimator:
 
     settle: brings x and P up to date on a copy before an output, where they are not always.  parameters: as plan.py has them for all
     estimators, then its own.  count: how many points it asks a sensor at, of a layout.  extra: numbers that it keeps behind the covariance.
-    prepare: makes of a flat state at the start its own.  root: the covariance's place holds its lower triangular root.
-    linear: refuses what is not linear.  clones: whether it holds poses at earlier epochs.  smooths: whether its tape can be smoothed.
-    check: refuses a layout, with a sentence.
+    prepare: makes of a flat state at the start its own.  pointed: begins with sigma points of the pose.  root: the covariance's place
+    holds its lower triangular root.  linear: refuses what is not linear.  clones: whether it holds poses at earlier epochs.  smooths:
+    whether its tape can be smoothed.  check: refuses a layout, with a sentence.
     """
 
     name: str
@@ -41,7 +41,8 @@ class Estimator:
     parameters: Array = field(default_factory=lambda: np.array([0.0, 0.0, 50.0]))
     count: Callable[[Layout], int] = lambda _: 1
     extra: Callable[[Layout], int] = lambda _: 0
-    prepare: Callable[[npt.NDArray[np.int64], Array, Layout, Array], None] | None = None
+    prepare: Callable[[Composition, Array, Beginning], None] | None = None
+    pointed: bool = False
     root: bool = False
     linear: bool = False
     clones: bool = True

@@ -110,7 +110,7 @@ def _ukf(spec: str, given: Mapping[str, str]) -> Estimator:
     parameters = np.array([*common, alpha, beta, kappa, float(augmented)])
     home = square_root if rooted else unscented
     forward = kalman.propagate if name == "ekf-ukf" else home.propagate
-    made = Estimator(spec, forward, home.points, home.update, parameters=parameters, count=_pairs, check=mend)
+    made = Estimator(spec, forward, home.points, home.update, parameters=parameters, count=_pairs, pointed=True, check=mend)
     return replace(made, settle=square_root.settle, prepare=square_root.prepare, root=True) if rooted else made
 
 
@@ -121,7 +121,7 @@ def _pf(spec: str, given: Mapping[str, str]) -> Estimator:
     settings = Settings(spec, given)
     common, count = settings.common(), int(settings.number("particles", 2000.0, 10.0, 1e6))
     own = [count, settings.number("threshold", 0.5, 0.0, 1.0), settings.number("jitter", 0.1, 0.0, 1.0)]
-    own += [settings.number("seed", 0.0, 0.0, 2.0**31), settings.number("least", 0.02, 0.0, 1.0)]
+    own.append(settings.number("seed", 0.0, 0.0, 2.0**31))
     settings.done()
     return Estimator(
         spec, particle.propagate, particle.points, particle.update, particle.settle, np.array([*common, *own]), lambda _: 1 + count,

@@ -289,7 +289,8 @@ def run(
                 if row[i] == row[i]:  # what is no number leaves its place as it is
                     state[INPUT + i] = row[i]
         elif kind[e] == IS_CLONE:
-            clone(plan, params, state, V[0], points, tape)
+            if plan[CLONES] > 0:
+                clone(plan, params, state, V[0], points, tape)
         elif kind[e] == IS_DROP:
             drop(plan, state, row[0], tape)
         elif outcome[index[e]] != OVERRULED:

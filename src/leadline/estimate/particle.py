@@ -2,14 +2,15 @@
 
     propagate   x_i <- f(x_i) [+] q_i, q_i ~ N(0, Q)         nuisances likewise by their own law
     update      w_i <- w_i p(z | x_i)                        p Gaussian, or Student's t where the sensor asks for it
-A measurement that would leave too few particles effective moves them as well (estimate/sharp.py).
-After an update that leaves fewer than `threshold` of the particles effective they are drawn anew (core/particles.py), and each is moved by
-    x_i <- m [+] (sqrt(1 - h^2) (x_i [-] m) + h L e),  e ~ N(0, I)        mean m and covariance L L^T stay (Liu and West, 2001)
-so that what does not move by itself, a bias, is not left with a few values; h is small, as a large one would round off corners.
+A measurement that would leave too few effective moves them instead where that is right (estimate/sharp.py).
+Where fewer than `threshold` of the particles are effective they are drawn anew (core/particles.py).  What nothing drives, a bias, would be
+left with a few values: so nuisances b are moved by b_i <- m + sqrt(1 - h^2) (b_i - m) + h L e,  e ~ N(0, I), with which their mean m and
+covariance L L^T stay (Liu and West, 2001).  The motion has noise of its own.
 
 Behind the covariance lie a key, a counter, logarithms of the weights and the particles: all random numbers are functions of key and
 counter (core/random.py), so that a checkpoint is a copy and a replay has the same bits.  x and P hold mean and covariance wherever they are
-looked at (`settle`); the gate judges with them.  Gordon, Salmond and Smith (1993); Doucet and Johansen (2011), section 3.5.
+looked at (`settle`); the gate judges with them, and turns away what no single particle explains either.
+Gordon, Salmond and Smith (1993); Doucet and Johansen (2011), section 3.5.
 """
 
 from __future__ import annotations
@@ -25,7 +26,19 @@ from leadline.core.particles import normalise, resample
 from leadline.core.random import fill_normal, uniform
 from leadline.core.sigma import root
 from leadline.estimate.adaptive import learn, noise_factor
-from leadline.estimate.kalman import GATED, INVALID, REANCHORED, add_noise_of_rate, decay_of, fade, judge, look_from, speed_of, verdict_of
+from leadline.estimate.kalman import (
+    GATED,
+    INVALID,
+    REANCHORED,
+    USED,
+    add_noise_of_rate,
+    decay_of,
+    fade,
+    judge,
+    look_from,
+    speed_of,
+    verdict_of,
+)
 from leadline.estimate.plan import (
     ADAPT_Q,
     ANGLES,
@@ -35,6 +48,7 @@ from leadline.estimate.plan import (
     ESTIMATOR,
     FIELDS,
     GATE,
+    LIMIT,
     MOTION_END,
     MOTION_PARAMS,
     NOISE_AT,
@@ -42,6 +56,7 @@ from leadline.estimate.plan import (
     RESIDUAL,
     STEP_AT,
     STUDENT_DOF,
+    WIDENED,
 )
 from leadline.estimate.sharp import (
     COUNTER,
@@ -58,15 +73,16 @@ from leadline.estimate.sharp import (
     THRESHOLD_E,
     WEIGHTS,
     cloud_of,
+    nearest,
     take,
 )
 from leadline.models.layout import COV, ERROR, INPUT, INPUTS, MOTION, NUISANCES_N, X, difference, retract
 from leadline.models.view import VIEW_SIZE
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from leadline.data.records import Array
+    from leadline.estimate.beginning import Beginning
+    from leadline.estimate.composition import Composition
     from leadline.models.layout import Layout
 
 
@@ -204,21 +220,25 @@ def renew(plan, params, state, work):
     n, h = plan[ERROR], params[plan[ESTIMATOR] + JITTER_E]
     resample(logs, rows, uniform(behind[KEY], behind[COUNTER], 0))
     behind[COUNTER] += 1.0
-    if h > 0.0:
-        L, spare = work[ROOT_W:], work[SPARE_W:]
-        d, e = spare[:WIDE], spare[WIDE : 3 * WIDE]
-        root(state[plan[COV] :], L, n)
+    first = plan[MOTION]
+    if h > 0.0 and n > first:
+        L, P, spare = work[ROOT_W:], work[NOISE_W:], work[SPARE_W:]
+        d, e, x = spare[:WIDE], spare[WIDE : 3 * WIDE], state[plan[X] : plan[COV]]
+        for a in range(n - first):
+            for b in range(n - first):
+                P[a * WIDE + b] = state[plan[COV] + (first + a) * WIDE + first + b]
+        root(P, L, n - first)
         near = math.sqrt(1.0 - h * h)
-        x = state[plan[X] : plan[COV]]
         for i in range(len(logs)):
             difference(plan, rows[i], x, d)
-            fill_normal(behind[KEY], behind[COUNTER], i, e, n)
-            for a in range(n):
+            fill_normal(behind[KEY], behind[COUNTER], i, e, n - first)
+            for a in range(first):
+                d[a] = 0.0
+            for a in range(n - first):
                 s = 0.0
                 for b in range(a + 1):
                     s += L[a * WIDE + b] * e[b]
-                d[a] = near * d[a] + h * s
-            rows[i] = x[: rows.shape[1]]
+                d[first + a] = (near - 1.0) * d[first + a] + h * s
             retract(plan, rows[i], d, n)
         behind[COUNTER] += 1.0
     behind[SETTLED] = 0.0
@@ -244,13 +264,13 @@ def update(plan, params, state, channel, row, Z, R, Hv, Hn, work, points, tape, 
     verdict = verdict_of(plan, params, state, channel, nis, result)
     learn(plan, params, state, channel, r, T, R, factor, c)
     dof = params[g + STUDENT_DOF]
-    if verdict == GATED and not dof > 0.0:
-        return GATED
-    if verdict == REANCHORED:  # particles cannot be opened up along a residual
-        return GATED
     for a in range(c):
         for b in range(c):
             R[a, b] *= factor
+    if verdict in (GATED, REANCHORED) and not dof > 0.0:  # particles cannot be opened up along a residual
+        if not nearest(plan, channel, row, Z, R, logs, c, work) < params[g + LIMIT]:
+            return GATED
+        verdict, result[WIDENED] = USED, 1.0
     take(plan, params, state, channel, row, Z, R, T, dof, c, work)
     effective = normalise(logs)
     behind[COUNTER] += 1.0
@@ -280,11 +300,16 @@ def scatter(plan, params, state, work):
     behind[COUNTER] += 1.0
 
 
-def prepare(plan: npt.NDArray[np.int64], params: Array, layout: Layout, state: Array) -> None:
-    """Draw the particles at the start, from a stream of the seed."""
-    behind = state[layout.covariance.stop :]
-    behind[KEY], behind[COUNTER], behind[SETTLED] = params[plan[ESTIMATOR] + SEED_E], 0.0, 0.0
+def prepare(composition: Composition, state: Array, beginning: Beginning) -> None:
+    """Draw the particles at the start, from a stream of the seed: nuisances by their priors, the motion by the poses that may be."""
+    layout, plan, params = composition.layout, composition.plan, composition.params
+    behind, seed = state[layout.covariance.stop :], params[plan[ESTIMATOR] + SEED_E]
+    behind[KEY], behind[COUNTER], behind[SETTLED] = seed, 0.0, 0.0
     scatter(plan, params, state, np.zeros((SPARE_W // SQUARE + 2) * SQUARE))
+    generator = np.random.default_rng(int(seed))
+    _, _, rows = cloud_of(plan, params, state)
+    for row in rows:
+        row[: layout.motion_nominal] = beginning.drawn(generator)
 
 
 def room(count: int, layout: Layout) -> int:

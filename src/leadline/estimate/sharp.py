@@ -1,11 +1,10 @@
-"""What a measurement does to particles: it weighs them, and where it is so sharp that too few would count, it moves them first.
+"""What a measurement does to particles: it weighs them, or where it is too sharp for that, and Gaussian, it moves them.
 
-The likelihood is taken in two parts, p = p^c p^(1-c).  With the part c each particle is moved by the ensemble's own Kalman gain, with the
-rest it is weighed (Frei and Kuensch, 2013, simplified to two steps):
-    x_i <- x_i [+] P_xz S^-1 (r_i + e_i / sqrt(c)),   S = T + R / c,   e_i ~ N(0, R)        r_i <- r_i - T S^-1 (r_i + e_i / sqrt(c))
-with r_i the residual against particle i and T the covariance of what they predict.  c is zero where weights alone leave `threshold` of
-the particles effective.  It is one where the particles and their predictions are related as a Gaussian's would be: the move is right
-there, and no number of particles would do for sharp measurements of many states.  Else it is the smallest that leaves `least` of them.
+    weigh   w_i <- w_i p(z | x_i)
+    move    x_i <- x_i [+] P_xz S^-1 (z + e_i - z_i),   S = T + R,   e_i ~ N(0, R)           the ensemble's own Kalman gain (Evensen, 1994)
+with z_i what particle i predicts and T the covariance of that.  Weights decide where they leave `threshold` of the particles effective.
+Where they would not, and the particles and their predictions are related as a Gaussian's would be, the move is as right and costs no
+particle: no number of them would do for a gyro that knows a rate a hundred times better than they do.  Else weights decide.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from leadline.core.sigma import root
 from leadline.estimate.plan import ANGLES, CHANNEL, CHANNEL_SIZE, ESTIMATOR, OWN_E
 from leadline.models.layout import COV, ERROR, NOMINAL, NUISANCES_N, X, difference, retract
 
-COUNT_E, THRESHOLD_E, JITTER_E, SEED_E, LEAST_E = range(OWN_E, OWN_E + 5)
+COUNT_E, THRESHOLD_E, JITTER_E, SEED_E = range(OWN_E, OWN_E + 4)
 KEY, COUNTER, SETTLED, WEIGHTS = range(4)  # places behind the covariance
 SQUARE = WIDE * WIDE
 NOISE_W, ROOT_W, MEMORY_W, STATE_W, SPARE_W, CROSS_W = (k * SQUARE for k in (3, 4, 5, 7, 8, 9))
@@ -79,6 +78,22 @@ def weigh(plan, channel, row, Z, R, logs, dof, c, work):
 
 
 @kernel()
+def nearest(plan, channel, row, Z, R, logs, c, work):
+    """The smallest square of a residual against one particle, in units of the noise R alone."""
+    A, L, r, y = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 136 :]
+    for a in range(c):
+        for b in range(c):
+            A[a * COMPONENTS + b] = R[a, b]
+    if not cholesky(A, L, c):
+        return math.nan
+    best = math.inf
+    for i in range(len(logs)):
+        if logs[i] > -math.inf and residual(plan, channel, row, Z, i, c, r):
+            best = min(best, whitened_square(L, r, y, c))
+    return best
+
+
+@kernel()
 def solved(S, L, r, y, c):
     """Y <- S^-1 r, with S = L L^T."""
     whitened_square(L, r, y, c)
@@ -87,84 +102,6 @@ def solved(S, L, r, y, c):
         for b in range(a + 1, c):
             s -= L[b * COMPONENTS + a] * y[b]
         y[a] = s / L[a * COMPONENTS + a]
-
-
-@kernel()
-def moved_residual(behind, T, S, Ls, Lr, share, i, r, y, e, c):
-    """What is left of the residual r of particle i once it has been moved with a share of the likelihood; y: S^-1 of its innovation.
-
-    S = T + R / share, Lr the root of R, Ls that of S.
-    """
-    fill_normal(behind[KEY], behind[COUNTER], i, e, c)
-    for a in range(c):
-        s = 0.0
-        for b in range(a + 1):
-            s += Lr[a * COMPONENTS + b] * e[b]
-        y[COMPONENTS + a] = r[a] + s / math.sqrt(share)
-    for a in range(c):
-        e[a] = y[COMPONENTS + a]
-    solved(S, Ls, e, y, c)
-    for a in range(c):
-        for b in range(c):
-            r[a] -= T[a * COMPONENTS + b] * y[b]
-
-
-@kernel()
-def roots_of_share(R, T, share, c, work):
-    """S = T + R / share with its root and that of R, in `work`; false where S is not definite."""
-    A, Lr, S, Ls = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 192 :]
-    for a in range(c):
-        for b in range(c):
-            A[a * COMPONENTS + b] = R[a, b]
-            S[a * COMPONENTS + b] = T[a * COMPONENTS + b] + R[a, b] / share
-    return cholesky(A, Lr, c) and cholesky(S, Ls, c)
-
-
-@kernel()
-def log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work):
-    """Logarithm of the weight of particle i with the part of the likelihood that is left to weigh, and in `work` what moves it."""
-    Lr, S, Ls = work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 192 :]
-    r, y, e = work[SPARE_W + 256 :], work[SPARE_W + 264 :], work[SPARE_W + 280 :]
-    if not residual(plan, channel, row, Z, i, c, r):
-        return -math.inf
-    moved_residual(behind, T, S, Ls, Lr, share, i, r, y, e, c)
-    return logs[i] - 0.5 * (1.0 - share) * whitened_square(Lr, r, e, c)
-
-
-@kernel()
-def effective_with(plan, params, state, channel, row, Z, R, T, share, c, work):
-    """How many particles would be left effective with a share of the likelihood taken as a move."""
-    behind, logs, _ = cloud_of(plan, params, state)
-    if not roots_of_share(R, T, share, c, work):
-        return math.inf
-    best, total, squares = -math.inf, 0.0, 0.0
-    for i in range(len(logs)):
-        w = log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work)
-        if w > best:
-            total *= math.exp(best - w)
-            squares *= math.exp(2.0 * (best - w))
-            best = w
-        if w > -math.inf:
-            total += math.exp(w - best)
-            squares += math.exp(2.0 * (w - best))
-    return total * total / squares if squares > 0.0 else 0.0
-
-
-@kernel()
-def share_of(plan, params, state, channel, row, Z, R, T, c, work):
-    """The smallest share of the likelihood to move by that leaves enough particles effective; by halving."""
-    _, logs, _ = cloud_of(plan, params, state)
-    enough = params[plan[ESTIMATOR] + LEAST_E] * len(logs)
-    if effective_with(plan, params, state, channel, row, Z, R, T, 1e-9, c, work) >= enough:
-        return 0.0
-    low, high = 0.0, 1.0
-    for _ in range(8):
-        middle = 0.5 * (low + high)
-        if effective_with(plan, params, state, channel, row, Z, R, T, middle, c, work) >= enough:
-            high = middle
-        else:
-            low = middle
-    return high
 
 
 @kernel()
@@ -249,35 +186,66 @@ def straight(plan, params, state, channel, row, Z, T, c, work):
 
 
 @kernel()
-def shift(plan, params, state, channel, row, Z, R, T, share, c, work):
-    """Move every particle by the ensemble's gain with a share of the likelihood, and weigh it with the rest."""
-    behind, logs, rows = cloud_of(plan, params, state)
-    n, cross, d, y = plan[ERROR], work[CROSS_W:], work[MEMORY_W:STATE_W], work[SPARE_W + 264 :]
-    roots_of_share(R, T, share, c, work)
+def effective_with(plan, channel, row, Z, R, logs, c, work):
+    """How many particles weights alone would leave effective."""
+    A, L, r, y = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 256 :], work[SPARE_W + 264 :]
+    for a in range(c):
+        for b in range(c):
+            A[a * COMPONENTS + b] = R[a, b]
+    if not cholesky(A, L, c):
+        return math.inf
+    best, total, squares = -math.inf, 0.0, 0.0
     for i in range(len(logs)):
-        w = log_weight(plan, behind, logs, channel, row, Z, T, share, i, c, work)
-        logs[i] = w
+        if not residual(plan, channel, row, Z, i, c, r):
+            continue
+        w = logs[i] - 0.5 * whitened_square(L, r, y, c)
+        if w > best:
+            total *= math.exp(best - w)
+            squares *= math.exp(2.0 * (best - w))
+            best = w
         if w > -math.inf:
-            for j in range(n):
-                d[j] = 0.0
-                for a in range(c):
-                    d[j] += cross[j * COMPONENTS + a] * y[a]
-            retract(plan, rows[i], d, n)
+            total += math.exp(w - best)
+            squares += math.exp(2.0 * (w - best))
+    return total * total / squares if squares > 0.0 else 0.0
+
+
+@kernel()
+def move_all(plan, params, state, channel, row, Z, R, T, c, work):
+    """Move every particle by the ensemble's gain; where one predicts nothing it has no weight any more."""
+    behind, logs, rows = cloud_of(plan, params, state)
+    n, cross, d = plan[ERROR], work[CROSS_W:], work[MEMORY_W:STATE_W]
+    A, Lr, S, Ls = work[SPARE_W:], work[SPARE_W + 64 :], work[SPARE_W + 128 :], work[SPARE_W + 192 :]
+    r, y, e = work[SPARE_W + 256 :], work[SPARE_W + 264 :], work[SPARE_W + 280 :]
+    for a in range(c):
+        for b in range(c):
+            A[a * COMPONENTS + b] = R[a, b]
+            S[a * COMPONENTS + b] = T[a * COMPONENTS + b] + R[a, b]
+    if not (cholesky(A, Lr, c) and cholesky(S, Ls, c)):
+        return
+    for i in range(len(logs)):
+        if not residual(plan, channel, row, Z, i, c, r):
+            logs[i] = -math.inf
+            continue
+        fill_normal(behind[KEY], behind[COUNTER], i, e, c)
+        for a in range(c):
+            for b in range(a + 1):
+                r[a] += Lr[a * COMPONENTS + b] * e[b]
+        solved(S, Ls, r, y, c)
+        for j in range(n):
+            d[j] = 0.0
+            for a in range(c):
+                d[j] += cross[j * COMPONENTS + a] * y[a]
+        retract(plan, rows[i], d, n)
 
 
 @kernel()
 def take(plan, params, state, channel, row, Z, R, T, dof, c, work):
-    """Take a measurement: by weights where they leave enough, else by a move as far as the law of the particles allows."""
+    """Take a measurement: by weights, or by a move."""
     _, logs, _ = cloud_of(plan, params, state)
-    share = 0.0
-    if not dof > 0.0:
-        plenty = params[plan[ESTIMATOR] + THRESHOLD_E] * len(logs)
-        if effective_with(plan, params, state, channel, row, Z, R, T, 1e-9, c, work) < plenty:
-            cross_covariance(plan, params, state, channel, row, Z, c, work)
-            share = 1.0
-            if not straight(plan, params, state, channel, row, Z, T, c, work):
-                share = share_of(plan, params, state, channel, row, Z, R, T, c, work)
-    if share > 0.0:
-        shift(plan, params, state, channel, row, Z, R, T, share, c, work)
-    else:
-        weigh(plan, channel, row, Z, R, logs, dof, c, work)
+    enough = params[plan[ESTIMATOR] + THRESHOLD_E] * len(logs)
+    if not dof > 0.0 and effective_with(plan, channel, row, Z, R, logs, c, work) < enough:
+        cross_covariance(plan, params, state, channel, row, Z, c, work)
+        if straight(plan, params, state, channel, row, Z, T, c, work):
+            move_all(plan, params, state, channel, row, Z, R, T, c, work)
+            return
+    weigh(plan, channel, row, Z, R, logs, dof, c, work)

@@ -68,10 +68,9 @@ from leadline.models.layout import ACTIVE, COV, INPUT, INPUTS, MOTION, NUISANCES
 from leadline.models.view import VIEW_SIZE
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from leadline.data.records import Array
-    from leadline.models.layout import Layout
+    from leadline.estimate.beginning import Beginning
+    from leadline.estimate.composition import Composition
 
 ARRAY_W = SPARE_W + 10 * WIDE  # an array of WIDE + COMPONENTS rows of LONG numbers
 LONG = 5 * WIDE
@@ -349,10 +348,10 @@ def settle(plan, params, state, work):
             S[j * WIDE + i] = S[i * WIDE + j]
 
 
-def prepare(plan: npt.NDArray[np.int64], params: Array, layout: Layout, state: Array) -> None:
+def prepare(composition: Composition, state: Array, beginning: Beginning) -> None:
     """Put the root of the covariance in its place, at the start."""
-    n = layout.error
-    covariance = state[layout.covariance]
+    n = composition.layout.error
+    covariance = state[composition.layout.covariance]
     found = np.zeros_like(covariance)
     root(covariance, found, n)
     covariance[:] = found

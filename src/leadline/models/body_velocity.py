@@ -63,6 +63,7 @@ PARTS = (
 HEIGHT, V, Q, NOMINAL = 4, 5, 8, 12
 # The memory, beyond what `inertial` leaves there: attitude after the step, velocities before and after it (n), its own nominal state.
 AFTER_M, BEFORE_V_M, AFTER_V_M, COPY_M, COPY_SIZE = 32, 41, 44, 64, 18
+LONGEST_STEP = 0.02  # s: the transition is of first order, and a unit may give ten rows a second
 
 
 @kernel(STEP)
@@ -213,7 +214,7 @@ def body_velocity(imu: SensorConfig, surface: float, bias_time: float = 0.0) -> 
     parameters[BG_RATE:GAP_ACCEL] = 0.0  # there are no biases that could wander
     return Process(
         "body-velocity", PARTS, parameters, step, push, noise, view, pull, frozenset({VELOCITY, RATE, FORCE}),
-        begin=begin, consumes="imu", reference_b=imu.lever_arm_b,
+        begin=begin, consumes="imu", reference_b=imu.lever_arm_b, longest_step=LONGEST_STEP,
     )  # fmt: skip
 
 

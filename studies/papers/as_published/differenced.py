@@ -1,7 +1,8 @@
-"""Paper 004: a depth sensor that also tells the sinking rate, by differences of its own depths, as if that were a second instrument.
+"""Paper 004: a depth sensor that also tells the velocity along the body's z axis, by differences of its own depths.
 
 Its noise is taken as white, of variance 2 sigma^2 / dt^2, and as nothing to do with that of the depth; it is both, and the difference
-holds for the middle of the interval and not for its end.  In the vehicle file: `model = FILE:compose`.
+holds for the middle of the interval and not for its end; above all a pitched vehicle sinks by its speed ahead, u sin(pitch), too.
+In the vehicle file: `model = FILE:compose`.  `ahead` is the Doppler log of the thesis, of which only u and v are taken.
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ from leadline.models.sensor import Channel, Sensor, finite_rows, reading, usable
 
 
 def compose(config, context):
-    """Depth, and w by its differences: the velocity along the body's z axis, which a pitched vehicle does not sink by."""
+    """Return depth, and w by its differences."""
     variance = config.value("sigma") ** 2
 
-    def depth(views, nuisance, row):  # noqa: ARG001
+    def depth(views, nuisance, row):
         return context.surface - views[0].height, variance
 
-    def heave(views, nuisance, row):  # noqa: ARG001
+    def heave(views, nuisance, row):
         return views[0].rotation_nb[:, 2] @ views[0].velocity_n, 2.0 * variance / row[1] ** 2
 
     def read(table):
@@ -32,3 +33,16 @@ def compose(config, context):
         Channel(("heave",), heave, np.zeros(0), row_length=2),
     )
     return Sensor(config, channels, read)
+
+
+def ahead(config, context):
+    """Return velocities over ground along the body's x and y axes."""
+    noise = config.value("sigma") ** 2 * np.eye(2)
+
+    def predict(views, nuisance, row):
+        return views[0].rotation_nb[:, :2].T @ views[0].velocity_n, noise
+
+    def read(table):
+        return reading(table, finite_rows(0, table.velocity[:, :2], usable(table)))
+
+    return Sensor(config, (Channel(("x", "y"), predict, np.zeros(0), row_length=2),), read)

@@ -104,8 +104,8 @@ def compose(config: SensorConfig, context: Context) -> Sensor:
     needs, none = frozenset({TURNING, VELOCITY}), ()
     surface = np.array([context.surface, *context.lever(config)])
     channels = (
-        Channel(("rate_x", "rate_y", "rate_z"), predict, np.zeros(1), 4, gyro_bias(config), requires=needs, linear=True),
-        Channel(("force_x", "force_y"), predict_level, surface, 3, none, requires=needs, linear=True),
+        Channel(("rate_x", "rate_y", "rate_z"), predict, np.zeros(1), 4, gyro_bias(config), requires=needs),
+        Channel(("force_x", "force_y"), predict_level, surface, 3, none, requires=needs),
     )
     return Sensor(config, channels, read)
 
