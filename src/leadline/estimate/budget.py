@@ -159,6 +159,8 @@ def budget(
 ) -> Budget:
     """Return the error budget of a log at its end, or at `until` (s).  Raises InputError as `solve`."""
     navigator, _, _ = navigator_for(log, vehicle, estimator=estimator)
+    if not navigator.composition.estimator.smooths:
+        raise InputError("budget", f"'{estimator}' leaves no gains to go back over", "take a Gaussian estimator (ekf, ukf)")
     stream = stream_of(log, vehicle, navigator, times=None if until is None else np.array([until]), rate=0.01, end=until)
     if any(
         channel.epochs == 2 and n.considered for s in navigator.composition.slots for channel in (s.channel,) for n in channel.nuisances
@@ -167,7 +169,7 @@ def budget(
     if any(n.considered for s in navigator.composition.slots for part in s.channel.displacing.values() for n in part):
         raise InputError("budget", "has a lever arm, time offset or clock that is not estimated", "estimate it, or give it no sigma")
     composition, told = navigator.composition, progress or (lambda _: None)
-    first = navigator.state.copy()
+    first = _settled(navigator)
     checkpoints = []
     for k, events in enumerate(stream):
         checkpoints.append(navigator.state.copy())
@@ -206,6 +208,14 @@ class _Found:
         return cls(np.zeros((POSE, count)), np.zeros((POSE, count * NUISANCES)), np.zeros((POSE, WIDE)))
 
 
+def _settled(navigator: Navigator) -> Array:
+    """A copy of the state with its covariance in its place, where an estimator carries another form of it."""
+    composition, state = navigator.composition, navigator.state.copy()
+    if composition.estimator.settle is not None:
+        composition.estimator.settle(composition.plan, composition.params, state, navigator.runner.workspace.work)
+    return state
+
+
 def _end(navigator: Navigator) -> tuple[Array, Array]:
     """Jacobian of position, velocity and attitude against the state at the end (POSE, WIDE), and their variances (POSE,)."""
     composition, work = navigator.composition, navigator.runner.workspace
@@ -213,7 +223,7 @@ def _end(navigator: Navigator) -> tuple[Array, Array]:
     H = pose_jacobian(composition.plan, composition.params, navigator.state, work.V[0], work.points)
     A = np.zeros((POSE, WIDE))
     A[:, : layout.motion_error] = H[:POSE, : layout.motion_error]
-    P = navigator.state[layout.covariance].reshape(layout.error, WIDE)[:, : layout.error]
+    P = _settled(navigator)[layout.covariance].reshape(layout.error, WIDE)[:, : layout.error]
     rows = A[:, : layout.error]
     return A, np.einsum("ri,ij,rj->r", rows, P, rows)
 

@@ -29,9 +29,15 @@ VERSION = 2
 
 
 def fingerprint(navigator: Navigator) -> str:
-    """Return a hash of what a navigator consists of: states, sensors as the vehicle file has them, parameters; machine addresses apart."""
+    """Return a hash of what a navigator consists of: models, states, sensors as the vehicle file has them, parameters; no addresses."""
     layout, c = navigator.composition.layout, navigator.composition
-    names = [*(p.name for p in layout.motion), *(n.name for n in layout.nuisances), str(layout.clones)]
+    names = [
+        c.process.name,
+        c.estimator.name.partition(":")[0],
+        *(p.name for p in layout.motion),
+        *(n.name for n in layout.nuisances),
+        str(layout.clones),
+    ]
     names += [f"{s.config.name} {json.dumps(s.config.written, sort_keys=True, default=str)}" for s in c.sensors]
     epoch = navigator.reference.epoch.isoformat() if navigator.reference is not None else ""
     names += [f"{name} {clock.mend}" for name, clock in sorted(navigator.clocks.items())]

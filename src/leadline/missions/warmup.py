@@ -1,4 +1,4 @@
-"""Compile what can be compiled, by using it: a few seconds of a simulated dive through filter, smoother, live navigator and budget.
+"""Compile what can be compiled, by using it: a few seconds of a simulated dive through all models and estimators, smoother and budget.
 
 And a few seconds of a mission, in a sea with everything in it.
 """
@@ -11,6 +11,9 @@ from pathlib import Path
 from pkgutil import iter_modules
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+from leadline.data.records import Thruster
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.as_live import solve_as_live
 from leadline.estimate.budget import budget
@@ -41,7 +44,18 @@ nuisance = { lever = { sigma_m = 0.1 } }
 [sensors.depth]
 rate_hz = 5.0
 sigma_m = 0.1
+[sensors.attitude]
+rate_hz = 2.0
+sigma_deg = 1.0
+sigma_tilt_deg = 0.5
+[sensors.thrusters]
+kind = "thruster"
+rate_hz = 2.0
+[process.dynamics]
+hull = "typhoon"
 """
+PROCESSES = ("body-velocity", "cruise", "planar", "dynamics")
+ESTIMATORS = ("ukf", "srukf", "pf:particles=20")
 
 MISSION = """
 name = "warmup"
@@ -98,11 +112,18 @@ def warm_up() -> None:
     for module in iter_modules(sensors.__path__, f"{sensors.__name__}."):
         import_module(module.name)
     two = vehicle_from_toml(VEHICLE)
-    for vehicle in (two, replace(two, process=replace(two.process, standby=None)).without("imu_b")):
-        log = Recorder(straight(Place(0.5, 0.1, depth=10.0), 3.0, speed=1.0), instruments_of(vehicle), truth_rate=1.0).draw(0)
+    alone = replace(two, process=replace(two.process, standby=None)).without("imu_b")
+    path = straight(Place(0.5, 0.1, depth=10.0), 3.0, speed=1.0)
+    for vehicle in (two, alone):
+        log = Recorder(path, instruments_of(vehicle.without("thrusters")), truth_rate=1.0).draw(0)
         solve(log, vehicle, rate=1.0, smooth=True)
         solve_as_live(log, vehicle, rate=1.0)
         budget(log, vehicle)
+    log = replace(log, tables={**log.tables, "thrusters": Thruster(time=np.arange(3.0), thruster=np.zeros((3, 6)))})
+    for process in PROCESSES:
+        solve(log, alone, process=process, rate=1.0, smooth=True)
+    for estimator in ESTIMATORS:
+        solve(log, alone.without("imu", "attitude"), process="cruise", estimator=estimator, rate=1.0)
     with TemporaryDirectory() as folder:
         place = Path(folder)
         (place / "vehicle.toml").write_text(VEHICLE, "utf-8")
