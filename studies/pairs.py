@@ -74,7 +74,7 @@ def main() -> None:
     ]
     lines = [HEAD, "| " + " | ".join(["---"] * 9) + " |"]
     for process, estimator in pairs:
-        run = compare(log, vehicle, [configuration(process, estimator, hull)], rate=1.0).runs[0]
+        run = compare(log, vehicle, [configuration(process, estimator, hull)]).runs[0]
         lines.append("| " + " | ".join(cells(run, process, estimator)) + " |")
         print(lines[-1], file=sys.stderr)
     table = "\n".join(lines)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from leadline import cli
+from leadline.data.errors import InputError
 from leadline.data.log import Beacon
 from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.assembly import navigator_for
@@ -71,6 +72,20 @@ def test_shares_add_up_to_what_the_filter_states(ranges):
         assert found.left[group] == pytest.approx(1.0 - own / found.stated[group])
         assert found.total[group] >= found.stated[group]
     assert {s.source for s in found.shares if s.kind == "noise"} == set(aboard.sensors) - {"imu"}
+
+
+def test_a_root_is_read_as_one():
+    """The square-root filter carries a root in the covariance's place; its budget is that of the same filter without."""
+    log = recorder(ABOARD.without("ranges")).draw(1)
+    plain, rooted = (budget(log, ABOARD.without("ranges"), until=60.0, estimator=e) for e in ("ukf", "srukf"))
+    for group in GROUPS:
+        assert rooted.stated[group] == pytest.approx(plain.stated[group], rel=1e-6)
+        assert rooted.left[group] == pytest.approx(plain.left[group], abs=1e-6)
+
+
+def test_particles_have_no_budget():
+    with pytest.raises(InputError, match="'pf' leaves no gains"):
+        budget(recorder(ABOARD).draw(1), ABOARD.moved_by("cruise").without("imu", "ranges"), until=10.0, estimator="pf")
 
 
 def test_a_constant_that_is_taken_for_known_brings_what_it_does():

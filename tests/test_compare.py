@@ -178,6 +178,7 @@ def test_a_run_file_lays_its_keys_over_those_of_the_vehicle_file(place: Path) ->
         ("smooth = true\nas_live = true", "has smooth and as_live"),
         ("set = { sensors = {} }\n[sensors.dvl]\nsigma_mps = 1.0", r"stands beside \[sensors\]"),
         ("smooth = 'yes'", "true or false"),
+        ("process = 'planar'\nset = { process = 3 }", "set.process: 3; a table of keys"),
         ("smooth = ", "is not TOML"),
     ],
 )

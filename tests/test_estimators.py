@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from math import cos, radians, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from leadline.core.compiled import COMPONENTS, WIDE
 from leadline.data.errors import InputError
 from leadline.data.log import Log
 from leadline.data.vehicle import Vehicle, vehicle_from_toml
+from leadline.estimate.as_live import solve_as_live
 from leadline.estimate.assembly import navigator_for
 from leadline.estimate.estimators import estimator_of
 from leadline.estimate.navigator import Navigator
@@ -232,6 +234,7 @@ WRONG = {
     "ukf:noise=big": "noise", "ukf:noise=augmented,adaptive=q": "adaptive", "ukf:adaptive=all": "adaptive", "ekf:memory=1": "memory",
     "pf:particles=1": "particles", "pf:particles=1e9": "particles", "pf:threshold=2": "threshold", "pf:jitter=-0.1": "jitter",
     "pf:seed=-1": "seed", "pf:alpha=1": "alpha", "no_such_module_.x:make": "no_such_module_",
+    "ekf:memory=50,memory=60": "memory.*twice", ".relative:make": "cannot be imported",
 }  # fmt: skip
 
 
@@ -241,6 +244,50 @@ def test_wrong_settings(spec: str) -> None:
     with pytest.raises(InputError, match=WRONG[spec]) as found:
         estimator_of(spec)
     assert "\n" not in str(found.value)
+
+
+BROKEN = {
+    "def make(:": "cannot be imported",
+    "1 / 0": "cannot be imported",
+    "make = 3": "not callable",
+    "make = lambda *a: 3": "made a int",
+    "make = lambda *a: 1 / 0": "ZeroDivisionError",
+    "from leadline.estimate.estimator import Estimator\nmake = lambda: Estimator('own', print, print, print)": "does not fit",
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_a_users_estimator_that_is_broken(tmp_path: Path, text: str) -> None:
+    """One line, however it fails, and the same when it is asked for again."""
+    file = tmp_path / "broken_estimator.py"
+    file.write_text(text + "\n")
+    for _ in range(2):
+        with pytest.raises(InputError, match=BROKEN[text]) as found:
+            estimator_of(f"{file}:make")
+        assert "\n" not in str(found.value)
+
+
+def test_a_users_process_model_that_is_broken(tmp_path: Path) -> None:
+    """Kernels that are none, and a start of another size than its parts: one line that says so."""
+    file = tmp_path / "broken_process.py"
+    file.write_text(
+        "from dataclasses import replace\nimport numpy as np\nfrom drifting import compose\n"
+        "def bare(v, c): return replace(compose(v, c), step=print)\n"
+        "def short(v, c): return replace(compose(v, c), begin=lambda pose: (np.zeros(3), np.eye(2)))\n"
+        "def failing(v, c): return replace(compose(v, c), begin=lambda pose: 1 / 0)\n"
+    )
+    for name, named in (("bare", "does not fit"), ("short", r"begins with \(3,\) numbers"), ("failing", "ZeroDivisionError")):
+        with pytest.raises(InputError, match=named) as found:
+            solve(still(4.0, 1.0), aboard(1.0), process=f"{file}:{name}")
+        assert "\n" not in str(found.value)
+
+
+def test_a_snapshot_is_of_one_estimator(tmp_path: Path) -> None:
+    """A root is not taken for a covariance: the same settings of another filter are refused."""
+    log, small = still(10.0, 1.0), aboard(1.0)
+    solve_as_live(log, small, estimator="ukf", end=5.0, snapshot=tmp_path / "s")
+    with pytest.raises(InputError, match="navigator of other"):
+        solve_as_live(log, small, estimator="srukf", resume=tmp_path / "s")
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ def _complaint(error: ErrorDetails, model: type[BaseModel], where: str, missing:
     if error["type"] == "extra_forbidden":
         table, _, last = key.rpartition(".")
         place = f"{where}{separator}{table}" if table else where
-        known = _model_at(model, error["loc"][:-1]).model_fields
+        known = [field.alias or name for name, field in _model_at(model, error["loc"][:-1]).model_fields.items()]
         return InputError(place, f"unknown key '{last}' ({shown(error['input'])})", suggestion(last, known))
     if error["type"] == "missing":
         return InputError(where, f"has no '{key}'", MISSING.get(key, missing))

@@ -12,7 +12,7 @@ from leadline.core.compiled import WIDE
 from leadline.data.errors import InputError, suggestion
 from leadline.estimate import kalman
 from leadline.estimate.estimator import Estimator
-from leadline.models.plugin import imported
+from leadline.models.plugin import check_kernels, imported
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from leadline.models.layout import Layout
 
 
-MOST_OF_PARTICLES = 16  # states
+MOST_OF_PARTICLES = 20  # states: those of `planar`, with the biases of a gyro
 MEMORY = 50.0  # measurements over which noise is learnt
 ADAPTIVE = {"": (0.0, 0.0), "r": (1.0, 0.0), "q": (0.0, 1.0), "rq": (1.0, 1.0)}
 
@@ -30,7 +30,9 @@ def estimator_of(spec: str) -> Estimator:
     name, _, rest = spec.partition(":")
     if name not in KNOWN:
         if ":" in spec and ("." in name or "/" in name):
-            return imported(spec, f"estimator '{spec}'", Estimator)()  # type: ignore[no-any-return]
+            own: Estimator = imported(spec, f"estimator '{spec}'", Estimator)()
+            check_kernels(own.kernels(), f"estimator '{spec}'")
+            return own
         raise InputError("estimator", f"'{name}' is not known", suggestion(name, KNOWN) + ", or give 'package.module:function'")
     return KNOWN[name](spec, _settings(spec, rest))
 
@@ -41,6 +43,8 @@ def _settings(spec: str, rest: str) -> dict[str, str]:
         key, equals, value = part.partition("=")
         if not equals or not value:
             raise InputError(f"estimator '{spec}'", f"'{part}' is no setting", "give name:setting=value,setting=value")
+        if key.strip() in found:
+            raise InputError(f"estimator '{spec}'", f"has '{key.strip()}' twice", "give each setting once")
         found[key.strip()] = value.strip()
     return found
 
@@ -119,7 +123,7 @@ def _pf(spec: str, given: Mapping[str, str]) -> Estimator:
     from leadline.estimate import particle
 
     settings = Settings(spec, given)
-    common, count = settings.common(), int(settings.number("particles", 2000.0, 10.0, 1e6))
+    common, count = settings.common(), int(settings.number("particles", 5000.0, 10.0, 1e6))
     own = [count, settings.number("threshold", 0.5, 0.0, 1.0), settings.number("jitter", 0.1, 0.0, 1.0)]
     own.append(settings.number("seed", 0.0, 0.0, 2.0**31))
     settings.done()

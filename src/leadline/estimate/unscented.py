@@ -74,7 +74,7 @@ from leadline.models.view import VIEW_SIZE
 
 ALPHA, BETA, KAPPA, AUGMENTED, OWN_SIZE = range(OWN_E, OWN_E + 5)
 # Places in `work`, in matrices of WIDE x WIDE: root, columns D, memory of the step, a state that is moved, sums, noise and its root, slope.
-SQUARE = WIDE * WIDE
+SQUARE = WIDE * WIDE + 88  # no multiple of a page apart: a store would hold up loads of another matrix at the same place of a page
 ROOT_W, COLUMNS_W, MEMORY_W, STATE_W, SUMS_W, NOISE_W, SLOPE_W, SPARE_W = (k * SQUARE for k in (3, 4, 5, 7, 8, 9, 10, 11))
 
 

@@ -139,6 +139,8 @@ def configuration_from(keys: ConfigurationKeys, home: Path, name: str) -> Config
     twice = sorted(set(tables) & set(keys.set))
     if twice:
         raise InputError(f"{home}: set.{twice[0]}", f"stands beside [{twice[0]}]", "give one of them")
+    if not isinstance(keys.set.get("process", {}), dict):
+        raise InputError(f"{home}: set.process", f"{keys.set['process']!r}", "a table of keys")
     return Configuration(
         keys.name or name,
         keys.estimator,

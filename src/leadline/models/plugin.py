@@ -9,10 +9,11 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from leadline.core import compiled
 from leadline.data.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from types import ModuleType
 
 
@@ -21,7 +22,7 @@ def imported(name: str, where: str, kind: type) -> Callable[..., Any]:
     module, _, attribute = name.rpartition(":")
     try:
         found = getattr(_module(module), attribute)
-    except (ImportError, AttributeError, ValueError, OSError) as error:
+    except Exception as error:  # a user's module may fail in any way as it is imported
         asked = f"{kind.__module__}.{kind.__name__}"
         right = f"give 'package.module:function', with its folder on PYTHONPATH, or 'file.py:function', that makes a {asked}"
         raise InputError(where, f"cannot be imported ({error})", right) from error
@@ -50,8 +51,21 @@ def _module(name: str) -> ModuleType:
         raise ImportError(f"no file {name}")
     module = module_from_spec(spec)
     sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:  # what is half made must not be found by the next import
+        del sys.modules[path.stem]
+        raise
     return module
+
+
+def check_kernels(kernels: Iterable[tuple[Any, Any]], where: str) -> None:
+    """Raise InputError where a kernel does not fulfil its contract; kernels: pairs of the two."""
+    for kernel, contract in kernels:
+        try:
+            compiled.address(kernel, contract)
+        except TypeError as error:
+            raise InputError(where, f"has a kernel that does not fit: {error}", "give each @kernel its contract") from error
 
 
 def guarded(function: Callable[..., Any], where: str) -> Callable[..., Any]:

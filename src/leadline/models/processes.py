@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from leadline.data.errors import InputError, suggestion
-from leadline.models.plugin import imported
+from leadline.models.plugin import check_kernels, guarded, imported
 from leadline.models.process import Process
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
+    from leadline.data.records import Array
     from leadline.data.vehicle import Vehicle
+    from leadline.models.process import Pose
     from leadline.models.sensor import Context
 
 HOMES: Mapping[str, str] = {
@@ -28,5 +33,21 @@ def compose_process(vehicle: Vehicle, context: Context) -> Process:
         return made
     if ":" not in model:
         raise InputError("process.model", f"'{model}' is not known", suggestion(model, HOMES) + ", or give 'package.module:function'")
-    own: Process = imported(model, f"process.model '{model}'", Process)(vehicle, context)
-    return own
+    where = f"process.model '{model}'"
+    own: Process = imported(model, where, Process)(vehicle, context)
+    check_kernels(own.kernels(), where)
+    return replace(own, begin=_sized(own, where))
+
+
+def _sized(own: Process, where: str) -> Callable[[Pose], tuple[Array, Array]]:
+    """Return the `begin` of a user's model, guarded, with a check of the sizes of what it makes."""
+    nominal, error = sum(part.nominal for part in own.parts), sum(part.size for part in own.parts)
+
+    def begin(pose: Pose) -> tuple[Array, Array]:
+        x, covariance = guarded(own.begin, where)(pose)
+        if np.shape(x) != (nominal,) or np.shape(covariance) != (error, error):
+            found = f"begins with {np.shape(x)} numbers and a covariance of {np.shape(covariance)}"
+            raise InputError(where, found, f"its parts have {nominal} numbers and {error} errors")
+        return x, covariance
+
+    return begin
