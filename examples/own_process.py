@@ -21,12 +21,9 @@ from leadline.simulate.plans import Place, straight
 
 VEHICLE = """
 name = "float"
-[process]
-model = "own_process.py:compose"
-own = { wander_mps_per_rts = 0.01 }
-[sensors]
-depth = { sigma_m = 0.1 }
-usbl = { kind = "position_fix", sigma_m = 2.0, vertical = false }
+process = { model = "own_process:compose", own = { wander_mps_per_rts = 0.01 } }
+sensors.depth = { sigma_m = 0.1 }
+sensors.usbl = { kind = "position_fix", sigma_m = 2.0, vertical = false }
 """
 
 
@@ -45,21 +42,19 @@ def view(x, u, parameters, out):  # noqa: ARG001
 
 def begin(pose):
     """Start where the log says, with the velocity that it says."""
-    x = np.concatenate([pose.quaternion_en, [pose.height], pose.velocity_n])
-    return x, pose.covariance[:6, :6]
+    return np.concatenate([pose.quaternion_en, [pose.height], pose.velocity_n]), pose.covariance[:6, :6]
 
 
 def compose(vehicle, context):  # noqa: ARG001
     """Six errors: position and velocity."""
     parts = (Part("position", Block.PLACE, 3, "m"), Part("velocity", Block.VECTOR, 3, "m/s", "navigation"))
-    wander = vehicle.process.figures(vehicle.process.model)[0]["wander_mps_per_rts"]
+    wander = vehicle.process.figures(vehicle.process.model)[0].get("wander_mps_per_rts", 0.01)
     return numeric("float", parts, step, view, np.array([0.0] * 3 + [wander**2] * 3), begin, defines=frozenset({VELOCITY}))
 
 
 if __name__ == "__main__":
     drift = straight(Place(radians(36.7), radians(-122.0), depth=50.0), 600.0, speed=0.2, heading=1.0)
-    instruments = {"depth": Depth(rate=1.0, sigma=0.1), "usbl": PositionFix(rate=0.1, sigma=2.0)}
-    log = simulate(drift, instruments, seed=1, start=StartSigmas(5.0))
+    log = simulate(drift, {"depth": Depth(rate=1.0, sigma=0.1), "usbl": PositionFix(rate=0.1, sigma=2.0)}, seed=1, start=StartSigmas(5.0))
     for estimator in ("ekf", "ukf", "pf"):
         error = errors_of(solve(log, vehicle_from_toml(VEHICLE), estimator=estimator), log.truth)
         print(f"{estimator}: {error.statistics()['north'].rms:.2f} m rms north")

@@ -16,6 +16,7 @@ from leadline.core.geodesy import north_east
 from leadline.data.errors import InputError
 from leadline.data.log import Beacon, Log
 from leadline.data.records import after
+from leadline.data.vehicle import vehicle_from_toml
 from leadline.estimate.solve import solve
 from leadline.missions.closed_loop import Eye, behind, sail_by_estimate
 from leadline.missions.mission import Mission, read_mission
@@ -238,3 +239,27 @@ def test_the_first_interval_begins_where_the_motion_does() -> None:
     table = at_once(imu, still(HERE, 60.0))
     assert table.interval == pytest.approx([10.0, 20.0, 20.0, 20.0])
     assert table.delta_velocity[:, 2] == pytest.approx(-9.8 * table.interval, rel=2e-3)  # gravity of that latitude
+
+
+def test_without_gyros_the_process_model_says_how_fast_it_turns() -> None:
+    """A vehicle whose process model needs no inertial unit carries none, and goes its way on the surface by satellites and compass."""
+    mission = short()
+    legs = (Waypoints(through=((15.0, 5.0),), speed=1.5, depth=0.0),)
+    vehicle = mission.vehicle.moved_by("cruise").without("imu")
+    log = sail_by_estimate(replace(mission, plan=Plan(legs), vehicle=vehicle), 0)[1]
+    assert "imu" not in log.tables
+    assert log.truth is not None
+    assert log.truth.time[-1] > 5.0
+
+
+def test_a_navigator_that_cannot_go_along_is_refused() -> None:
+    """One that waits for ticks, and one whose process model hears nothing of the thrusters: in a line that names the key."""
+    mission = short()
+    waiting = replace(mission.vehicle, process=replace(mission.vehicle.process, sync=1.0))
+    with pytest.raises(InputError, match=r"process\.sync_s: 1\.0 s"):
+        sail_by_estimate(replace(mission, vehicle=waiting), 0)
+    process = replace(mission.vehicle.process, model="dynamics", written={"dynamics": {"hull": "remus-100"}})
+    thrusters = vehicle_from_toml('name = "x"\n[process]\nmodel = "cruise"\n[sensors.thrusters]\nkind = "thruster"\n')["thrusters"]
+    deaf = replace(mission.vehicle, process=process, sensors={**mission.vehicle.sensors, "thrusters": thrusters})
+    with pytest.raises(InputError, match="carries no 'thrusters'"):
+        sail_by_estimate(replace(mission, vehicle=deaf), 0)

@@ -16,6 +16,7 @@ from leadline.estimate.solve import solve
 RUN = {
     "as_library.py": ["dive", "vehicle.toml"],
     "live.py": ["dive", "vehicle.toml", "30"],
+    "own_process.py": [],
     "own_sensor.py": [],
     "score_logs.py": ["--vehicle", "vehicle.toml", "dive"],
     "simulate.py": ["missions/survey.toml", "2"],
@@ -73,8 +74,16 @@ def test_own_sensor(place: Path) -> None:
     assert float(found[1]) < 0.05
 
 
-def test_own_sensor_stays_short() -> None:
-    assert len((EXAMPLES / "own_sensor.py").read_text().splitlines()) <= 60
+@pytest.mark.parametrize("name", ["own_sensor.py", "own_process.py"])
+def test_ones_own_stays_short(name: str) -> None:
+    assert len((EXAMPLES / name).read_text().splitlines()) <= 60
+
+
+def test_own_process(place: Path) -> None:
+    """Every estimator is nearer than a fix, which is 2 m off."""
+    found = re.findall(r"(\w+): ([\d.]+) m rms north", run(place, "own_process.py"))
+    assert [name for name, _ in found] == ["ekf", "ukf", "pf"]
+    assert all(float(error) < 2.0 for _, error in found)
 
 
 def test_synthetic_dive(place: Path) -> None:

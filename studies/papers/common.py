@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 AS_PUBLISHED = Path(__file__).resolve().parent / "as_published"
 PLANAR = [0, 1, 3, 4, 8]  # north, east, velocity north and east, heading, of the nine errors
-UNGATED = "gate_widening_s = 1e-9"  # a gate that has widened beyond all bounds before the next row comes: the papers have none
+UNGATED = "gate_probability = 1.0"  # the papers have no gate
 
 if str(AS_PUBLISHED) not in sys.path:
     sys.path.append(str(AS_PUBLISHED))

@@ -96,7 +96,7 @@ OUTLIERS = {
     "no gate": lambda: published("raw_fixes", name="no gate"),
     WIDE_WHITE: lambda: published("fog_white_2", name=WIDE_WHITE),
     "median of 11, 6 m": lambda: Configuration(
-        "median of 11, 6 m", over=lbl({"model": plugin("median_of_fixes"), "gate_widening_s": 1e-3})
+        "median of 11, 6 m", over=lbl({"model": plugin("median_of_fixes"), "gate_probability": 1.0})
     ),
 }
 
@@ -204,8 +204,8 @@ def pitched(runs: Sequence[int], processes: int = 1) -> list[Line]:
     tilt = replace(sailing.instruments_of(aboard)["tilt"], sigma=(radians(0.1), radians(0.1), 0.0))
     one = sailing.case("004-pitched", swing, aboard, START, {"tilt": tilt})
     right, wrong = "depth alone", "depth and its differences"
-    kept = {"tilt": TILT, "dvl": {"model": plugin("differenced", "ahead"), "gate_widening_s": 1e-3}}
-    depth = {"sensors": {**kept, "depth": {"model": plugin("differenced"), "gate_widening_s": 1e-3}}}
+    kept = {"tilt": TILT, "dvl": {"model": plugin("differenced", "ahead"), "gate_probability": 1.0}}
+    depth = {"sensors": {**kept, "depth": {"model": plugin("differenced"), "gate_probability": 1.0}}}
     found = sailing.solved(
         one, [Configuration(right), Configuration(wrong, over=depth)], runs, every=EVERY, bound=False, processes=processes
     )
@@ -236,7 +236,7 @@ def sailed(runs: Sequence[int], processes: int = 1) -> list[Line]:
             for k, e in (("EKF", "ekf"), ("UKF", "ukf"), ("UKF, kappa -0.5", "ukf:kappa=-0.5"))
         ]
         if name == "spiral":
-            fixes = {"every": lbl({"gate_widening_s": 1e-3}), "median": lbl({"gate_widening_s": 1e-3, "model": plugin("median_of_fixes")})}
+            fixes = {"every": lbl({"gate_probability": 1.0}), "median": lbl({"gate_probability": 1.0, "model": plugin("median_of_fixes")})}
             made.append(Configuration("EKF, every fix", "ekf", "cruise", over=fixes["every"], without=("imu",)))
             made.append(Configuration("EKF, median of 11", "ekf", "cruise", over=fixes["median"], without=("imu",)))
         found = sailing.solved(one, made, runs, every=EVERY, bound=False, processes=processes)

@@ -26,6 +26,7 @@ class ProcessConfig:
     aligned_sigma_heading: float = 0.0873  # rad: above it a run that began without a heading is still aligning
     sync: float | None = None  # s: measurements wait for the next tick, and of each channel the newest is used
     written: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # tables of the models, in the units of the file
+    where: str = ""  # of a message: the file
 
     def figures(self, model: str) -> tuple[dict[str, Any], dict[str, Prior]]:
         """Return the figures of a process model, with defaults filled in (SI, by name without unit), and the priors of its own states.
@@ -38,7 +39,7 @@ class ProcessConfig:
         keys = process_keys.MODELS.get(model)
         if keys is None:
             return dict(self.written.get("own", {})), {}
-        where = f"process.{model}"
+        where = f"{self.where}process.{model}"
         found = vehicle_keys.checked(keys, self.written.get(model, {}), where, "the process model needs it").model_dump()
         known, priors = process_keys.NUISANCES.get(model, {}), {}
         for name, prior in found.pop("nuisance", {}).items():
@@ -48,9 +49,14 @@ class ProcessConfig:
         return dict(si(key, value) for key, value in found.items() if value is not None), priors
 
 
-def process_of(keys: Any) -> ProcessConfig:
-    """Return the configuration that the checked table [process] makes."""
-    return ProcessConfig(
+def process_of(keys: Any, where: str) -> ProcessConfig:
+    """Return the configuration that the checked table [process] makes; raises InputError for a model or a key that is not known."""
+    from leadline.data.process_keys import MODELS
+
+    if keys.model not in MODELS and ":" not in keys.model:
+        right = suggestion(keys.model, MODELS) + ", or give 'package.module:function'"
+        raise InputError(f"{where}: process.model", f"'{keys.model}' is not known", right)
+    made = ProcessConfig(
         keys.model,
         keys.imu,
         keys.standby,
@@ -59,7 +65,11 @@ def process_of(keys: Any) -> ProcessConfig:
         keys.aligned_sigma_heading_deg * UNITS["deg"],
         keys.sync_s,
         _models(keys),
+        f"{where}: ",
     )
+    for model in made.written:
+        made.figures(model)
+    return made
 
 
 def _models(process: Any) -> dict[str, Mapping[str, Any]]:

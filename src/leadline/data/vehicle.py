@@ -198,7 +198,7 @@ def _vehicle(raw: dict[str, Any], path: Path | None, where: str | None = None) -
         raise InputError(f"{where}: process.standby", f"'{top.process.standby}' is no other sensor of kind imu", suggestion("", others))
     _check_references(sensors, top.clocks, where)
     _check_driving(top, where)
-    process = process_of(top.process)
+    process = process_of(top.process, where)
     points = {name: np.array(point.lever_arm_m, float) for name, point in top.points.items()}
     return Vehicle(top.name, sensors, process, path, shared=_shared(top, where), points=points)
 

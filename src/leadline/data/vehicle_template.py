@@ -27,6 +27,7 @@ HEAD = """\
 # A preset fills in data-sheet figures; what stands here itself comes before them.  Lever arms and mountings are yours to measure.
 # The figures below are of a middle class of instrument: put your own.  `leadline vehicle check FILE` says what is understood.
 """
+THRUSTERS = "is input of the process models dynamics and cruise with a hull, and of no other"
 NO_IMU = "# This log has no imu table; the process model `inertial` needs one.\n"
 PROCESS = """\
 [process]
@@ -292,7 +293,7 @@ def describe(sensor: SensorConfig) -> Description:
         f"roll {roll:g}, pitch {pitch:g}, heading {heading:g} deg",
         tuple(figures + chosen),
         tuple(f"{name}: {', '.join(f'{k} = {_shown(v)}' for k, v in keys.items())}" for name, keys in priors.items()),
-        f"no model uses kind '{sensor.kind}' yet" if carried else "",
+        (THRUSTERS if sensor.kind == "thruster" else f"no model uses kind '{sensor.kind}' yet") if carried else "",
     )
 
 
@@ -306,7 +307,8 @@ def _shown(value: Any) -> str:
 
 def check(vehicle: Vehicle, log: Log | None = None) -> list[str]:
     """Return what is understood of a vehicle, a line per sensor, and then what a person should look at (`notes`)."""
-    lines = [f"{vehicle.name}: process model {vehicle.process.model}, driven by {vehicle.process.imu}"]
+    driven = f", driven by {vehicle.process.imu}" if vehicle.process.model in ("inertial", "body-velocity") else ""
+    lines = [f"{vehicle.name}: process model {vehicle.process.model}{driven}"]
     for sensor in map(describe, vehicle.sensors.values()):
         parts = [f"{sensor.name}: {sensor.kind}", f"preset {sensor.preset}" if sensor.preset else "", f"at {sensor.lever_arm}"]
         parts += [sensor.mounting, *sensor.figures, *(f"nuisance {nuisance}" for nuisance in sensor.nuisances)]
@@ -318,7 +320,7 @@ def notes(vehicle: Vehicle, log: Log | None = None) -> list[str]:
     """Return what a person should look at: sensors that nothing uses and, with a log, what one has and the other lacks."""
     found = [f"{s.name}: {s.used}; it is carried" for s in map(describe, vehicle.sensors.values()) if s.used]
     for name, sensor in vehicle.sensors.items():
-        if sensor.kind == "imu" and name != vehicle.process.imu:
+        if sensor.kind == "imu" and vehicle.process.model in ("inertial", "body-velocity") and name != vehicle.process.imu:
             found.append(f"{name}: a further IMU; the process model is driven by {vehicle.process.imu} alone")
         if sensor.values.get("reference") == "magnetic" and sensor.values.get("declination") is None:
             found.append(f"{name}: its heading is magnetic and it has no declination")

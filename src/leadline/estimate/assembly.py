@@ -25,11 +25,13 @@ from leadline.models.imu import rates_of
 from leadline.models.layout import MOST_CLONES
 from leadline.models.process import Pose
 from leadline.models.processes import compose_process
-from leadline.models.sensor import Context, Reading, Sensor, usable
+from leadline.models.sensor import Context, Reading, Sensor, reading, usable
 from leadline.models.sensors import compose
-from leadline.models.view import TURNING
+from leadline.models.view import TILTING, TURNING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from leadline.data.log import Log
     from leadline.data.records import Array, Table
     from leadline.data.vehicle import SensorConfig, Vehicle
@@ -96,9 +98,17 @@ def sensors_of(vehicle: Vehicle, process: Process, context: Context) -> tuple[Se
         if config.kind == "imu" and config.model is None and TURNING not in process.defines:
             continue
         sensor = compose(config, context)
+        if config.kind == "imu" and config.model is None and TILTING not in process.defines and sensor is not None:
+            sensor = replace(sensor, channels=sensor.channels[:1], read=partial(_gyros, sensor.read))
         if sensor is not None:
             found.append(sensor if feed is None else replace(sensor, feed=feed.rows))
     return tuple(found)
+
+
+def _gyros(read: Callable[[Table], Reading], table: Table) -> Reading:
+    """What an inertial unit says of the turning alone: its first channel."""
+    found = read(table)
+    return reading(table, *(rows for rows in found.rows if rows.channel == 0))
 
 
 def _fed(feed: Feed, table: Table) -> Reading:

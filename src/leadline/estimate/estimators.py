@@ -136,10 +136,9 @@ def _pf(spec: str, given: Mapping[str, str]) -> Estimator:
 def _small(spec: str, layout: Layout) -> None:
     """Refuse states that no number of particles fills."""
     if layout.fixed > MOST_OF_PARTICLES:
-        found = f"{layout.fixed} states"
-        right = (
-            f"at most {MOST_OF_PARTICLES}: take a smaller process model (planar, cruise), fewer nuisances, or a Gaussian estimator (ukf)"
-        )
+        names = ", ".join(nuisance.name for nuisance in layout.nuisances)
+        found = f"{layout.fixed} states: {layout.motion_error} of motion" + (f" and {names}" if names else "")
+        right = f"at most {MOST_OF_PARTICLES}: leave sensors out that bring such states (--without), or take a Gaussian estimator (ukf)"
         raise InputError(f"estimator '{spec}'", found, right)
 
 

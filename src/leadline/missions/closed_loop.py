@@ -18,8 +18,10 @@ from leadline.data.errors import InputError
 from leadline.data.log import Log
 from leadline.data.records import Imu, Table, after
 from leadline.estimate.output import solution_of
+from leadline.estimate.plan import OUT_VIEW
 from leadline.estimate.solve import navigator_for
 from leadline.missions.equipment import DRAWN, IDLE, equip
+from leadline.models.view import RATE_V
 from leadline.simulate import instruments as simulated
 from leadline.simulate.acoustics import Acoustic
 from leadline.simulate.dense import Dense
@@ -110,9 +112,21 @@ def sail_by_estimate(mission: Mission, seed: int, progress: Callable[[float], No
     voyage = replace(mission.voyage(), limit=longest)
     known = template.draw(seed)
     navigator, _, _ = navigator_for(known, mission.vehicle)
+    _check(mission, navigator, known)
     helm = Helm(mission, voyage, navigator, eyes_of(template, mission, longest, seed))
     helm.run(progress)
     return voyage, helm.log(known)
+
+
+def _check(mission: Mission, navigator: Navigator, known: Log) -> None:
+    """Refuse a navigator that cannot go along: one that waits for ticks, and one whose process model nothing drives."""
+    if mission.vehicle.process.sync is not None:
+        found = f"{mission.vehicle.process.sync} s, of a vehicle that steers by its estimate"
+        raise InputError("process.sync_s", found, "take it out: a tick is known only afterwards")
+    for feed in navigator.composition.process.feeds:
+        if feed.sensor not in known.tables:
+            found = f"carries no '{feed.sensor}', which drives the process model '{navigator.composition.process.name}'"
+            raise InputError(f"{mission.path}: instruments", found, "give it a rate_hz, here or in the vehicle file")
 
 
 def eyes_of(recorder: Recorder, mission: Mission, longest: float, seed: int) -> list[Eye]:
@@ -229,20 +243,26 @@ class Helm:
         navigator = self.navigator
         assert navigator.reference is not None
         moment = max(now, navigator.time)
-        found = solution_of(navigator.reference, navigator.composition, np.array([moment]), navigator.output(moment)[None])
-        self.waiting.append((moment + self.mission.delay, self.nav_of(moment, found)))
+        out = navigator.output(moment)
+        found = solution_of(navigator.reference, navigator.composition, np.array([moment]), out[None])
+        self.waiting.append((moment + self.mission.delay, self.nav_of(moment, found, out[OUT_VIEW + RATE_V :][:3])))
         while self.waiting and self.waiting[0][0] <= now + 1e-9:
             self.believed = self.waiting.popleft()[1]
 
-    def nav_of(self, moment: float, found: Any) -> Array:
-        """Return what the pilot reads: steering.py's nav."""
+    def nav_of(self, moment: float, found: Any, rate_b: Array) -> Array:
+        """Return what the pilot reads, steering.py's nav; rate_b: as the process model has it, where there are no gyros."""
         roll, pitch, heading = (float(angle[0]) for angle in euler_from_quaternion(found.quaternion_nb))
         place = found.north[0], found.east[0], found.depth[0], self.altitude
-        return np.array([moment, *place, roll, pitch, heading, *found.velocity_n[0], *self.rate()], float)
+        return np.array([moment, *place, roll, pitch, heading, *found.velocity_n[0], *self.rate(rate_b)], float)
 
-    def rate(self) -> Array:
-        """Return the angular rate (3,), body axes, as the gyros felt it last; Earth rate and biases are small against any turn."""
-        eye = next(eye for eye in self.eyes if eye.name == self.mission.vehicle.process.imu)
+    def rate(self, rate_b: Array) -> Array:
+        """Return the angular rate (3,), body axes, as the gyros felt it last; Earth rate and biases are small against any turn.
+
+        rate_b: what is returned where the vehicle has no gyros.
+        """
+        eye = next((eye for eye in self.eyes if eye.name == self.mission.vehicle.process.imu), None)
+        if eye is None:
+            return rate_b
         if not eye.pieces:
             return np.zeros(3)
         last, turn = eye.pieces[-1], self.mission.vehicle[eye.name].rotation_bs

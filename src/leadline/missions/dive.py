@@ -71,9 +71,14 @@ class Run:
             raise InputError("--snapshot", f"{self.snapshot} is there already", f"name a new file, or one that ends in {SNAPSHOT}")
 
     def aboard(self, vehicle: Vehicle) -> Vehicle:
-        """Return the vehicle with the instruments that were asked for."""
-        driving = (vehicle.process.imu, *([vehicle.process.standby] if vehicle.process.standby else []))
-        kept = vehicle.only(*driving, *self.only) if self.only else vehicle
+        """Return the vehicle with the instruments that were asked for; raises InputError where what drives the motion is to be left out."""
+        model = self.process or vehicle.process.model
+        driving = driving_of(vehicle, model)
+        for name in driving:
+            if name in self.without:
+                right = "leave it in, or take another process model (cruise, planar)"
+                raise InputError("--without", f"{name}: it drives the process model '{model}'", right)
+        kept = vehicle.only(*(name for name in driving if name in vehicle.sensors), *self.only) if self.only else vehicle
         return kept.without(*self.without) if self.without else kept
 
     def solve(self, log: Log, vehicle: Vehicle, progress: Callable[[float], None] | None) -> Solution:
@@ -85,6 +90,14 @@ class Run:
         if self.as_live:
             return solve_as_live(log, vehicle, window=self.window, snapshot=self.snapshot, resume=self.resume, **wanted)
         return solve(log, vehicle, smooth=self.smooth, **wanted)
+
+
+def driving_of(vehicle: Vehicle, model: str) -> tuple[str, ...]:
+    """Return the instruments without which a process model cannot move a vehicle: inertial units, or thrusters."""
+    if model in ("inertial", "body-velocity"):
+        return (vehicle.process.imu, *([vehicle.process.standby] if vehicle.process.standby else []))
+    figures = vehicle.process.written.get(model, {})
+    return (str(figures.get("thrusters", "thrusters")),) if model in ("dynamics", "cruise") and "hull" in figures else ()
 
 
 def read_times(path: Path) -> Array:

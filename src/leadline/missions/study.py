@@ -16,7 +16,6 @@ import numpy as np
 
 from leadline.assess.consistency import holm
 from leadline.data.errors import InputError
-from leadline.estimate.estimators import estimator_of
 from leadline.formats.atomic import new_file
 from leadline.missions.cell_maker import Case, Shelf, Task, Work, done
 from leadline.missions.cells import Solved
@@ -212,13 +211,9 @@ def _check(cases: Mapping[str, Case], numbers: tuple[int, ...]) -> None:
 
 
 def _vehicles(cases: Mapping[str, Case], made: Sequence[Configuration]) -> dict[tuple[str, str], Vehicle | str]:
-    """Return the vehicle of each case and configuration, or why there is none.
-
-    Raises InputError for an estimator that is not known, and where a configuration has no vehicle at all.
-    """
+    """Return the vehicle of each case and configuration, or why there is none; raises where a configuration has none at all."""
     found: dict[tuple[str, str], Vehicle | str] = {}
     for one in made:
-        estimator_of(one.estimator)
         refusals = []
         for name, case in cases.items():
             try:

@@ -29,7 +29,19 @@ from leadline.core.earth import move
 from leadline.core.rotation import cross, exponential, load3, product, store3, store_quaternion, turn, turn_back
 from leadline.models.layout import Block, Part
 from leadline.models.process import Process
-from leadline.models.view import ATTITUDE_T, POSITION_T, QUATERNION_V, RATE, RATE_T, RATE_V, TURNING, VELOCITY, VELOCITY_T, VELOCITY_V
+from leadline.models.view import (
+    ATTITUDE_T,
+    POSITION_T,
+    QUATERNION_V,
+    RATE,
+    RATE_T,
+    RATE_V,
+    TILTING,
+    TURNING,
+    VELOCITY,
+    VELOCITY_T,
+    VELOCITY_V,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -233,7 +245,7 @@ def compose(vehicle: Vehicle, context: Context) -> Process:
 def cruise(figures: Mapping[str, Any]) -> Process:
     """Return the process model `cruise` of its figures (SI, as ProcessConfig.figures gives them)."""
     return Process(
-        "cruise", PARTS, parameters_of(figures), step, push, noise, view, pull, frozenset({VELOCITY, RATE, TURNING}),
+        "cruise", PARTS, parameters_of(figures), step, push, noise, view, pull, frozenset({VELOCITY, RATE, TURNING, TILTING}),
         begin=partial(begin, sigma_rate=figures["sigma_rate"]),
     )  # fmt: skip
 

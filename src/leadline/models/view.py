@@ -34,6 +34,7 @@ POSITION_T, VELOCITY_T, ATTITUDE_T, RATE_T, FORCE_T, WATER_T, TANGENT = 0, 3, 6,
 
 # What a process model can define and a sensor can require; position and attitude are always there.
 VELOCITY, RATE, FORCE, WATER = "velocity over ground", "angular rate", "specific force", "velocity through the water"
+TILTING = "roll and pitch as states that last"  # so that accelerometers can level them
 TURNING = "angular rate as a state"  # and not as an input, so that a gyro can correct it
 
 

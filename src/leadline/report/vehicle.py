@@ -31,7 +31,8 @@ def text(vehicle: Vehicle, log: Log | None = None) -> Group:
 def _sensors(vehicle: Vehicle) -> Sheet:
     """Return a table of the sensors or, where that is too wide, a block of lines for each."""
     found = [describe(sensor) for sensor in vehicle.sensors.values()]
-    title = f"Vehicle {vehicle.name}: process model {vehicle.process.model}, driven by {vehicle.process.imu}"
+    driven = f", driven by {vehicle.process.imu}" if vehicle.process.model in ("inertial", "body-velocity") else ""
+    title = f"Vehicle {vehicle.name}: process model {vehicle.process.model}{driven}"
     rows = [cells for sensor in found for cells in _rows(sensor)]
     marks = ["unused" if sensor.used else "" for sensor in found for _ in _rows(sensor)]
     return Sheet(Grid(COLUMNS, rows, title, marks), lambda _: "dim", _blocks(found))
