@@ -183,15 +183,21 @@ def test_what_cannot_be_studied_is_refused() -> None:
 
 def test_refusals_are_counted_and_named() -> None:
     silent = replace(case("silent"), vehicle=small().without("heading"))
-    found = study({"small": case(), "silent": silent}, [PLAIN, DEAF, Configuration("nonesuch", "nonesuch")], (0, 1), every=5.0)
+    found = study({"small": case(), "silent": silent}, [PLAIN, DEAF, Configuration("linear", "kf")], (0, 1), every=5.0)
     assert found.summaries["small", "deaf"].refused == {}
     refused = found.summaries["silent", "deaf"]
     assert list(refused.refused.values()) == [2]
     assert "has no sensor 'heading'" in next(iter(refused.refused))
     assert refused.statistics["refused"].estimate == 1.0
-    assert found.summaries["small", "nonesuch"].refused.keys() == found.summaries["silent", "nonesuch"].refused.keys()
+    assert found.summaries["small", "linear"].refused.keys() == found.summaries["silent", "linear"].refused.keys()
     assert found.study("silent", "deaf") is None
     assert {p.mission for p in found.pairs if np.isfinite(p.found.ratio.estimate)} == {"small"}
+
+
+def test_a_misspelt_name_is_refused_before_any_work() -> None:
+    for wrong in (Configuration("nonesuch", "nonesuch"), Configuration("setting", "ukf:alpa=1"), Configuration("model", process="kruise")):
+        with pytest.raises(InputError, match="nonesuch|alpa|kruise"):
+            study({"small": case()}, [PLAIN, wrong], (0,), every=5.0)
 
 
 def run(error: np.ndarray, lost: float = np.nan) -> Solved:

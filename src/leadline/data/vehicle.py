@@ -125,7 +125,11 @@ class Vehicle:
         return self.without(*(name for name in self.sensors if name not in names))
 
     def moved_by(self, model: str) -> Vehicle:
-        """Return the vehicle with another process model."""
+        """Return the vehicle with another process model; raises InputError for one that is not known."""
+        from leadline.data.process_keys import MODELS
+
+        if model not in MODELS and ":" not in model:
+            raise InputError("process", f"'{model}' is not known", suggestion(model, MODELS) + ", or give 'package.module:function'")
         return replace(self, process=replace(self.process, model=model))
 
     def without(self, *names: str) -> Vehicle:

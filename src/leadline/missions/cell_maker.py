@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import threading
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
@@ -229,11 +231,25 @@ def done(work: Work, tasks: Sequence[Task], processes: int) -> Generator[Task, N
     left, running = list(tasks)[::-1], dict[Future[Cell | None], Task]()
     with ProcessPoolExecutor(min(processes, len(tasks)), get_context("spawn"), begin, (work,)) as pool:
         while left or running:
-            while left and len(running) < processes:  # none waits in a worker's queue, so that Ctrl-C ends all there is
-                task = left.pop()
-                running[pool.submit(work_on, task)] = task
+            with _deaf():  # workers are made here, and would be interrupted before they know what to do then
+                while left and len(running) < processes:  # none waits in a worker's queue, so that Ctrl-C ends all there is
+                    task = left.pop()
+                    running[pool.submit(work_on, task)] = task
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield _shelved(work, running.pop(future), future.result())
+
+
+@contextmanager
+def _deaf() -> Generator[None, None, None]:
+    """Ignore Ctrl-C for a moment, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _shelved(work: Work, task: Task, cell: Cell | None) -> Task:

@@ -16,6 +16,7 @@ import numpy as np
 
 from leadline.assess.consistency import holm
 from leadline.data.errors import InputError
+from leadline.estimate.estimators import estimator_of
 from leadline.formats.atomic import new_file
 from leadline.missions.cell_maker import Case, Shelf, Task, Work, done
 from leadline.missions.cells import Solved
@@ -181,6 +182,8 @@ def study(
     }
     parts |= {f"configuration {one.name}": one.digest for one in made}
     shelf = Shelf(None if out is None else shelf_in(out, parts))
+    for one in made:
+        estimator_of(one.estimator)  # a name that is misspelt is refused now, and not by every run
     vehicles = _vehicles(cases, made)
     wanted = {key: _bounded(cases[key[0]], one, vehicles[key], bound) for one in made for key in product(cases, [one.name])}
     bounds = {key: value if isinstance(value, str) else _bound_task(key[0], value) for key, value in wanted.items()}

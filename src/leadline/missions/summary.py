@@ -150,6 +150,8 @@ class Bar:
         """Raise InputError, naming the key, for a bar that says nothing or speaks of what is not there."""
         if self.most == inf and self.least == -inf:
             raise InputError(where, f"has no limit for '{self.statistic}'", "give most or least")
+        if self.least > self.most:
+            raise InputError(where, f"least = {self.least:g} lies above most = {self.most:g}", "give one of them, or a range")
         for key, value, known in (
             ("mission", self.mission, missions), ("configuration", self.configuration, configurations),
             ("against", self.against, configurations),

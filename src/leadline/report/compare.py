@@ -57,6 +57,8 @@ FOOT = (
     "Cost is the time of solving alone, compiled beforehand, on the machine that made this page; long series are thinned for drawing."
 )
 
+ALIKE = 0.02  # of an RMS of one dive: less says nothing
+
 
 def comparison_grids(found: Comparison) -> list[Grid]:
     """Return what is told of the runs as tables: errors, consistency, misclosure, differences and cost; empty ones are left out."""
@@ -137,9 +139,22 @@ def comparison_page(found: Comparison) -> str:
     if best:
         least = min(best, key=lambda run: run.score.errors["horizontal"].rms if "horizontal" in run.score.errors else np.inf)
         if "horizontal" in least.score.errors:
-            lines.append(("least horizontal RMS", f"{least.name}: {number(least.score.errors['horizontal'].rms)} m"))
+            lines += _least(least, best)
+    else:
+        lines.append(("truth", "none in the log: judge by innovations and misclosures"))
     when = f"Comparison · counted from {first.epoch:%Y-%m-%d %H:%M:%S} UTC"
     return page_of(found.log.name, when, lines, list(_sections(found)), FOOT)
+
+
+def _least(least: Compared, runs: Sequence[Compared]) -> Iterator[tuple[str, str]]:
+    """Yield which runs err least, those within `ALIKE` of each other together, and which of them costs least."""
+    rms = least.score.errors["horizontal"].rms
+    near = [run for run in runs if "horizontal" in run.score.errors and run.score.errors["horizontal"].rms <= (1.0 + ALIKE) * rms]
+    names = ", ".join(run.name for run in near)
+    yield "least horizontal RMS", f"{number(rms)} m: {names}" + (" (alike)" if len(near) > 1 else "")
+    cheapest = min(near, key=lambda run: run.cost)
+    assert cheapest.assessment is not None
+    yield "the cheapest of these" if len(near) > 1 else "it is", f"{cheapest.name}: {cheapest.assessment.verdict.answer.value}"
 
 
 def _sections(found: Comparison) -> Iterator[Section]:
