@@ -196,7 +196,7 @@ def test_refusals_are_counted_and_named() -> None:
 
 def test_a_misspelt_name_is_refused_before_any_work() -> None:
     for wrong in (Configuration("nonesuch", "nonesuch"), Configuration("setting", "ukf:alpa=1"), Configuration("model", process="kruise")):
-        with pytest.raises(InputError, match="nonesuch|alpa|kruise"):
+        with pytest.raises(InputError, match=r"nonesuch|alpa|kruise"):
             study({"small": case()}, [PLAIN, wrong], (0,), every=5.0)
 
 
