@@ -162,8 +162,8 @@ def budget(
     if not navigator.composition.estimator.smooths:
         raise InputError("budget", f"'{estimator}' leaves no gains to go back over", "take a Gaussian estimator (ekf, ukf)")
     if navigator.composition.process.consumes != "imu":
-        found = f"is asked of the process model '{navigator.composition.process.name}'"
-        raise InputError("budget", found, "solve with inertial or body-velocity: noise that several states share is not told apart")
+        asked = f"is asked of the process model '{navigator.composition.process.name}'"
+        raise InputError("budget", asked, "solve with inertial or body-velocity: noise that several states share is not told apart")
     stream = stream_of(log, vehicle, navigator, times=None if until is None else np.array([until]), rate=0.01, end=until)
     if any(
         channel.epochs == 2 and n.considered for s in navigator.composition.slots for channel in (s.channel,) for n in channel.nuisances
