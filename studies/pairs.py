@@ -34,7 +34,7 @@ def configuration(process: str, estimator: str, hull: str | None) -> Configurati
     """Return one pair; the two that thrusters drive are told of the hull and its thrusters."""
     over, model = {}, process.partition(" ")[0]
     if hull is not None and process in ("dynamics", "cruise with a hull"):
-        over = {**THRUSTERS, "process": {model: {"hull": hull}}}
+        over = {**THRUSTERS, "process": {model: {"hull": hull}}, "water": {"current": {"sigma_mps": 0.1, "tau_s": 3600.0}}}
     return Configuration(name=f"{process}+{estimator}", estimator=estimator, process=model, over=over)
 
 

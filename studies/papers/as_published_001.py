@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 MODEL = "body-velocity"
 PUBLISHED = f"{AS_PUBLISHED / 'published_motion.py'}:compose"
-FINE = f"{AS_PUBLISHED / 'fine_steps.py'}:compose"
 # The weights of the paper's alpha = 1e-3, beta = 2 and lambda = 1 taken together: lambda / (9 + lambda) in the mean, and in the covariance
 # 1 - alpha^2 + beta on top; alpha^2 (9 + kappa) - 9 = 1 at alpha = 1, and its own beta makes the same sum.
 LAMBDA_ONE = "ukf:alpha=1,beta=2.999999,kappa=1"
@@ -134,6 +133,4 @@ def published(runs: Sequence[int]) -> Published:
         judged(f"{bias.name}: MSE Y in 0.07 to 0.12 m2", bias.mse[1], 0.12, 0.07),
         *(judged(f"{p}, C2: UKF with the paper's alpha and lambda, never 0.01 m from the EKF", Interval(d, d, d), 0.01)
           for p in PATHS for d in [apart(p, runs, LAMBDA_ONE)]),
-        *(judged(f"{p}, C1, steps of 0.02 s: UKF never 0.01 m from the EKF", Interval(d, d, d), 0.01)
-          for p in PATHS for d in [apart(p, runs, "ukf", FINE, sbl=False)]),
     ])  # fmt: skip

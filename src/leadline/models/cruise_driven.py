@@ -77,7 +77,7 @@ from leadline.models.dynamics import longest_step, push_dense, sloped
 from leadline.models.hull_motion import acceleration, slopes
 from leadline.models.layout import INPUTS
 from leadline.models.process import Process
-from leadline.models.view import RATE, TURNING, VELOCITY, VELOCITY_V, WATER, WATER_T, WATER_V, north_slope, wander
+from leadline.models.view import RATE, TILTING, TURNING, VELOCITY, VELOCITY_V, WATER, WATER_T, WATER_V, north_slope, wander
 
 if TYPE_CHECKING:
     from leadline.data.records import Array
@@ -143,6 +143,12 @@ def halfway(x, u, dt, params, m):
     return y, f, moved(y, f, 0.5 * dt), x[4] - 0.5 * dt * sunk[2]
 
 
+@kernel()
+def levelled(params, dt):
+    """What is left of a roll after a step (cruise.py)."""
+    return math.exp(-dt * params[len(params) - 1])
+
+
 @kernel(STEP)
 def step(x, u, dt, params, m):
     """One step of the midpoint rule under the input that holds."""
@@ -161,7 +167,7 @@ def step(x, u, dt, params, m):
     y = moved(y, f, dt)
     store3(x, V, (y[0], y[1], y[2]))
     x[HEADING], x[PITCH], x[TURN], x[PITCHING] = y[3], y[4], y[5], y[6]
-    x[ROLL] *= KEPT
+    x[ROLL] = levelled(params, dt) * x[ROLL] + dt * x[ROLLING]
     x[ROLLING] *= KEPT
     m[SPEED_M] = math.hypot(way[0], way[1])
     settle(x, params, m[SPEED_M], dt)
@@ -237,7 +243,8 @@ def linearise(m, dt, params):
             m[PHI_M + WIDE * (3 + i) + j] = end[i]
         for i in range(ROLL_E, n):
             m[PHI_M + WIDE * i + j] = 0.0
-    m[PHI_M + (WIDE + 1) * ROLL_E] = m[PHI_M + (WIDE + 1) * ROLLING_E] = KEPT
+    m[PHI_M + (WIDE + 1) * ROLL_E], m[PHI_M + (WIDE + 1) * ROLLING_E] = levelled(params, dt), KEPT
+    m[PHI_M + WIDE * ROLL_E + ROLLING_E] = dt
     settle_errors(m, PHI_M, params, m[SPEED_M], dt)
     m[READY_M] = 1.0
 
@@ -263,12 +270,13 @@ def push(m, dt, params, B, A, columns):
 
 @kernel(NOISE)
 def noise(m, dt, params, P):
-    """P += Q: white accelerations of surge, sway, heave, turn and pitch, what drives the values, and a roll that is drawn anew."""
+    """P += Q: white accelerations of surge, sway, heave, turn and pitch, what drives the values, and roll and its rate."""
     if m[READY_M] == 0.0:
         linearise(m, dt, params)
     stir(m, PHI_M, dt, params, DRIVEN, (0.0, 0.0, 0.0, 0.0, 0.0), ERRORS + int(params[COUNT]), m[SPEED_M], P)
-    P[ROLL_E * (WIDE + 1)] += (1.0 - KEPT * KEPT) * params[NOISES + 5]
-    P[ROLLING_E * (WIDE + 1)] += (1.0 - KEPT * KEPT) * params[len(params) - 1]
+    left = levelled(params, dt)
+    P[ROLL_E * (WIDE + 1)] += (1.0 - left * left) * params[NOISES + 5]
+    P[ROLLING_E * (WIDE + 1)] += (1.0 - KEPT * KEPT) * params[len(params) - 2]
 
 
 @kernel(VIEW)
@@ -311,9 +319,11 @@ def compose(vehicle: Vehicle, context: Context) -> Process:
     more, values = values_of(context, priors)
     noises = [*(figures[name] for name in NOISE_NAMES), max(figures["sigma_roll"], LEAST_ROLL)]
     parameters = parameters_of(values, MOVING, ERRORS, context.surface, figures["density"], noises, hull)
+    more_parameters = [figures["sigma_rate"] ** 2, 1.0 / figures["roll"]]
     return Process(
-        "cruise", (*PARTS, *more), np.append(parameters, figures["sigma_rate"] ** 2), step, push, noise, view, pull,
-        frozenset({VELOCITY, RATE, WATER, TURNING}), begin=partial(begin, prior=prior_of(values), sigma_rate=figures["sigma_rate"]),
+        "cruise", (*PARTS, *more), np.append(parameters, more_parameters), step, push, noise, view, pull,
+        frozenset({VELOCITY, RATE, WATER, TURNING, TILTING}),
+        begin=partial(begin, prior=prior_of(values), sigma_rate=figures["sigma_rate"]),
         feeds=(feed_of(vehicle, figures["thrusters"], hull),), longest_step=longest_step(hull),
     )  # fmt: skip
 
