@@ -41,7 +41,7 @@ STREAM = Water(shear=((0.0, 0.12, -0.08),))
 VEHICLE = """
 name = "calibrated"
 [process]
-model = "kinematic"
+model = "cruise"
 [sensors.dvl]
 sigma_mps = 0.005
 lever_arm_m = [-0.2, 0.1, 0.1]

@@ -38,7 +38,7 @@ AZIMUTHS, TILT = tuple(radians(a) for a in (0.0, 90.0, 180.0, 270.0)), radians(2
 VEHICLE = """
 name = "channels"
 [process]
-model = "none"
+model = "cruise"
 [sensors.dvl]
 sigma_mps = 0.01
 altitude_sigma_m = 0.1

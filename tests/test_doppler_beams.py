@@ -17,7 +17,7 @@ BIAS = "nuisance.beam_bias = { sigma_mps = 0.01 }\n"
 
 
 def sensor(more):
-    text = 'name = "v"\n[process]\nmodel = "none"\n[sensors.dvl]\nsigma_mps = 0.01\n' + more
+    text = 'name = "v"\n[process]\nmodel = "cruise"\n[sensors.dvl]\nsigma_mps = 0.01\n' + more
     return compose(vehicle_from_toml(text)["dvl"], Context())
 
 
@@ -67,6 +67,6 @@ def test_the_bias_of_a_beam_belongs_to_its_own_channel_alone():
 
 @pytest.mark.parametrize("keys", ["declination_deg = 3.0", 'declination = "wmm"', 'reference = "true"\ndeclination_deg = -3.0'])
 def test_a_declination_of_true_headings_is_refused(keys):
-    text = f'name = "v"\n[process]\nmodel = "none"\n[sensors.heading]\nsigma_deg = 1.0\n{keys}\n'
+    text = f'name = "v"\n[process]\nmodel = "cruise"\n[sensors.heading]\nsigma_deg = 1.0\n{keys}\n'
     with pytest.raises(InputError, match="has a declination, and its reference is 'true'"):
         vehicle_from_toml(text)

@@ -36,7 +36,7 @@ from leadline.models.view import TANGENT, VIEW_SIZE, view_of
 
 ORIGIN = Origin(0.6, 0.4)
 CONTEXT = Context(origin=ORIGIN, beacons={"b": Beacon(north=300.0, east=400.0, depth=0.0, sigma_north=3.0, sigma_east=1.0)})
-RANGES = vehicle_from_toml('name = "v"\n[process]\nmodel = "none"\n[sensors.ranges]\nkind = "acoustic_range"\nsigma_m = 0.5\n')["ranges"]
+RANGES = vehicle_from_toml('name = "v"\n[process]\nmodel = "cruise"\n[sensors.ranges]\nkind = "acoustic_range"\nsigma_m = 0.5\n')["ranges"]
 DEPTH = '[sensors.imu]\npreset = "kvh-1775"\n[sensors.depth]\nsigma_m = 0.1\n'
 
 
@@ -88,7 +88,7 @@ NAN = np.nan
 
 def sensor(text, context=CONTEXT):
     """The sensor `a` of a vehicle file, composed."""
-    found = vehicle_from_toml('name = "v"\n[process]\nmodel = "none"\n[sensors.a]\n' + text)
+    found = vehicle_from_toml('name = "v"\n[process]\nmodel = "cruise"\n[sensors.a]\n' + text)
     return compose(found["a"], replace(context, shared=found.shared))
 
 

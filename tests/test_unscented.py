@@ -82,7 +82,7 @@ def run(spec: str, spread: Spread, log: Log, aboard: Vehicle, unsure: float = 1.
     """Run both on a log; `unsure` multiplies the sigmas at the start."""
     navigator, _, _ = navigator_for(log, aboard, estimator=spec)
     stream = stream_of(log, aboard, navigator, rate=1.0)
-    plain, _, _ = navigator_for(log, aboard)
+    plain, _, _ = navigator_for(log, aboard, estimator="ukf")
     plain.state[plain.composition.layout.covariance] *= unsure**2
     navigator.state[navigator.composition.layout.covariance] *= unsure if navigator.composition.estimator.root else unsure**2
     twin = SigmaTwin(plain, spread)

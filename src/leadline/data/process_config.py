@@ -49,15 +49,19 @@ class ProcessConfig:
         return dict(si(key, value) for key, value in found.items() if value is not None), priors
 
 
-def process_of(keys: Any, where: str) -> ProcessConfig:
-    """Return the configuration that the checked table [process] makes; raises InputError for a model or a key that is not known."""
+def known_model(model: str, where: str) -> str:
+    """Return the name of a process model; raises InputError for one that is not known, and no user's own."""
     from leadline.data.process_keys import MODELS
 
-    if keys.model not in MODELS and ":" not in keys.model:
-        right = suggestion(keys.model, MODELS) + ", or give 'package.module:function'"
-        raise InputError(f"{where}: process.model", f"'{keys.model}' is not known", right)
+    if model not in MODELS and ":" not in model:
+        raise InputError(where, f"'{model}' is not known", suggestion(model, MODELS) + ", or give 'package.module:function'")
+    return model
+
+
+def process_of(keys: Any, where: str) -> ProcessConfig:
+    """Return the configuration that the checked table [process] makes; raises InputError for a model or a key that is not known."""
     made = ProcessConfig(
-        keys.model,
+        known_model(keys.model, f"{where}: process.model"),
         keys.imu,
         keys.standby,
         keys.clones,

@@ -18,7 +18,7 @@ import numpy as np
 
 from leadline.core import attitude
 from leadline.data.errors import InputError, suggestion
-from leadline.data.process_config import ProcessConfig, process_of
+from leadline.data.process_config import ProcessConfig, known_model, process_of
 from leadline.data.records import KINDS, UNITS
 
 if TYPE_CHECKING:
@@ -126,11 +126,7 @@ class Vehicle:
 
     def moved_by(self, model: str) -> Vehicle:
         """Return the vehicle with another process model; raises InputError for one that is not known."""
-        from leadline.data.process_keys import MODELS
-
-        if model not in MODELS and ":" not in model:
-            raise InputError("process", f"'{model}' is not known", suggestion(model, MODELS) + ", or give 'package.module:function'")
-        return replace(self, process=replace(self.process, model=model))
+        return replace(self, process=replace(self.process, model=known_model(model, "process")))
 
     def without(self, *names: str) -> Vehicle:
         """Return the vehicle without the named instruments."""
